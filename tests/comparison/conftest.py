@@ -1,0 +1,136 @@
+"""A made-up scan, refined and reconstructed, with one detail that the new angles move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tomoslam_stage.comparison import Findings, Run, compare
+from tomoslam_stage.products import (
+    Evidence,
+    Floats,
+    Integers,
+    Pixels,
+    Reconstruction,
+    Reconstructions,
+    Refinement,
+    Scan,
+    Truth,
+)
+
+SIDE = 80
+PROJECTIONS = 90
+DETAIL = (30, 52)
+"""z, x of the detail that differs between recorded and refined."""
+
+
+class UnreadableSource:
+    """Has a shape; that a report reads projections would be a mistake."""
+
+    shape = (PROJECTIONS, 16, SIDE)
+
+    def read(self, projections: Integers, rows: Integers) -> Pixels:
+        raise AssertionError(f"projections {projections} and rows {rows} were read")
+
+
+def a_slice(z: float, x: float) -> Pixels:
+    """Draw a disc with a bright detail at (z, x)."""
+    rows, columns = np.mgrid[:SIDE, :SIDE]
+    image = 0.01 * (np.hypot(rows - 39.5, columns - 39.5) < 34)
+    image += 0.02 * (np.hypot(rows - z, columns - x) < 4)
+    return np.asarray(image, np.float32)
+
+
+def the_reconstruction(theta: Floats, x: float) -> Reconstruction:
+    z = DETAIL[0]
+    slices = np.stack([a_slice(z, DETAIL[1]), a_slice(z, x), a_slice(z, DETAIL[1])])
+    return Reconstruction(theta, 39.5, np.array([2, 7, 11]), slices, "finufft fbp")
+
+
+@pytest.fixture
+def truth() -> Truth:
+    return Truth(np.arange(PROJECTIONS) * np.radians(2.0))
+
+
+@pytest.fixture
+def refinement(truth: Truth) -> Refinement:
+    rng = np.random.default_rng(5)
+    recorded = truth.theta + np.radians(np.cumsum(rng.normal(0, 0.05, PROJECTIONS)))
+    refined = truth.theta + np.radians(rng.normal(0, 0.01, PROJECTIONS))
+    return Refinement(
+        recorded,
+        refined,
+        np.full(PROJECTIONS, np.radians(0.02)),
+        "accepted",
+        "two halves agree to 0.01 deg; the recorded angles are off by 0.2 deg",
+        39.25,
+        Evidence(0.01, 0.2, 0.05, 0.04, 7.5),
+        counts={"features": 321, "sightings": 4321},
+        heldout_rows=np.array([3, 8]),
+    )
+
+
+@pytest.fixture
+def kept(refinement: Refinement) -> Refinement:
+    return replace(refinement, status="kept", reason="the halves disagree by 0.6 deg")
+
+
+@pytest.fixture
+def reconstructions(refinement: Refinement) -> Reconstructions:
+    return {
+        "recorded": the_reconstruction(refinement.recorded, DETAIL[1] + 2),
+        "refined": the_reconstruction(refinement.refined, DETAIL[1]),
+    }
+
+
+@pytest.fixture
+def residual() -> dict[str, Floats]:
+    return {"recorded": np.full(PROJECTIONS, 0.05), "refined": np.full(PROJECTIONS, 0.04)}
+
+
+@pytest.fixture
+def findings(
+    refinement: Refinement, reconstructions: Reconstructions, residual: dict[str, Floats]
+) -> Findings:
+    scan = Scan(UnreadableSource(), refinement.recorded, np.arange(PROJECTIONS), name="a$b$.h5")
+    comparison = compare(refinement, reconstructions, residual)
+    return Findings(scan, refinement, reconstructions, comparison)
+
+
+@pytest.fixture
+def with_truth(findings: Findings, truth: Truth) -> Findings:
+    made = findings.reconstructions
+    comparison = compare(findings.refinement, made, findings.comparison.residual, truth)
+    return replace(findings, comparison=comparison, truth=truth)
+
+
+@pytest.fixture
+def run() -> Run:
+    entry = {"method": "refine_theta", "parameters": {"steps_deg": np.array([4, 5, 10])}}
+    return Run({"load_scan": 1.25, "refine_theta": 30.5}, [entry])
+
+
+@pytest.fixture
+def kept_findings(findings: Findings, kept: Refinement) -> Findings:
+    return replace(findings, refinement=kept)
+
+
+@pytest.fixture
+def tiny() -> Callable[[int], Findings]:
+    """Make findings of a scan of so many projections that nothing was found in."""
+
+    def made(projections: int) -> Findings:
+        theta = np.arange(projections, dtype=float)
+        unknown = np.full(projections, np.nan)
+        refinement = Refinement(theta, theta, unknown, "kept", "no keypoints", float("nan"))
+        source: Any = type("Source", (), {"shape": (projections, 1, 3)})()
+        made = Reconstruction(theta, 1.0, np.array([0]), np.zeros((1, 3, 3), np.float32), "none")
+        both = {"recorded": made, "refined": made}
+        scan = Scan(source, theta, np.arange(projections))
+        return Findings(scan, refinement, both, compare(refinement, both, {}))
+
+    return made

@@ -1,0 +1,135 @@
+"""Tracks -> AngleMeasurements: both steps of every triplet of projections."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import field
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from tomoslam_stage.angles.plane import Plane, fit_robustly
+from tomoslam_stage.angles.ransac import Ransac
+from tomoslam_stage.geometry import partners, wrapped
+from tomoslam_stage.methods import method
+from tomoslam_stage.products import AngleMeasurements, Floats, Integers, Tracks
+
+
+class NotMeasured(Exception):  # noqa: N818 (a counted value, never an error a user sees)
+    """Why a triplet gave no measurement."""
+
+
+@method
+class Triplets:
+    """The paper's estimator: RANSAC over pairs of tracks, then total least squares over inliers."""
+
+    steps_deg: tuple[Annotated[float, Field(gt=0, lt=90)], ...] = (4.0, 5.0, 10.0)
+    """Steps inside the triplets, degrees; triplets of all projections overlap."""
+    ransac: Ransac = field(default_factory=Ransac)
+    """How tracks that agree are found."""
+    fewest_inliers: Annotated[int, Field(ge=4)] = 8
+    """Tracks that must agree."""
+    inlier_share: Annotated[float, Field(ge=0, le=1)] = 0.3
+    """Share of the triplet's tracks that must agree."""
+    largest_sigma_deg: Annotated[float, Field(gt=0)] = 1.0
+    """A triplet less sure than this is counted as near-degenerate."""
+    largest_change_deg: Annotated[float, Field(gt=0)] = 3.0
+    """A step further from the recorded one is not believed."""
+
+    def measure(self, tracks: Tracks, theta: Floats, axis: float) -> AngleMeasurements:
+        """Measure both steps of each triplet that some tracks run through.
+
+        Parameters
+        ----------
+        tracks
+            The sightings.
+        theta
+            (n,) radians: the recorded angles, which give the steps their sign and their turn.
+        axis
+            Detector column of the rotation axis, px; an error of some px does not matter.
+        """
+        failures: Counter[str] = Counter()
+        rows = []
+        for step in self.steps_deg:
+            for projections, columns in triplets(tracks, theta, np.deg2rad(step)):
+                try:
+                    rows.append((projections, *self._one(columns - axis, theta[projections])))
+                except NotMeasured as why:
+                    failures[str(why)] += 1
+        if not rows:
+            return nothing(failures)
+        triplet, steps, covariance, seen, agreed = map(np.array, zip(*rows, strict=True))
+        return AngleMeasurements(triplet, steps, covariance, seen, agreed, dict(failures))
+
+    def _one(self, columns: Floats, recorded: Floats) -> tuple[Floats, Floats, int, int]:
+        """Steps (2,), their covariance, tracks and inliers of one triplet, or why there are none.
+
+        The same columns always draw the same random pairs.
+        """
+        if len(columns) < self.fewest_inliers:
+            raise NotMeasured("too few tracks")
+        inliers = self.ransac.consensus(columns, seed=len(columns))
+        if inliers.sum() < self.fewest_inliers:
+            raise NotMeasured("too few tracks agree")
+        plane, inliers = fit_robustly(columns, inliers)
+        if inliers.sum() < max(self.fewest_inliers, self.inlier_share * len(columns)):
+            raise NotMeasured("too few tracks agree")
+        steps, covariance = self._steps(plane, np.diff(recorded))
+        return steps, covariance, len(columns), int(inliers.sum())
+
+    def _steps(self, plane: Plane, recorded: Floats) -> tuple[Floats, Floats]:
+        """Signed and unwrapped steps; their sign and branch are those of the recorded ones."""
+        turned = wrapped(recorded)
+        if turned[0] * turned[1] <= 0 or abs(turned.sum()) >= np.pi:
+            raise NotMeasured("recorded steps out of order")
+        size, covariance = plane.steps()
+        if not plane.alternates or not np.all(np.isfinite(size)):
+            raise NotMeasured("no such triangle")
+        if np.sqrt(np.diag(covariance).max()) > np.deg2rad(self.largest_sigma_deg):
+            raise NotMeasured("near-degenerate")
+        change = size * np.sign(turned) - turned
+        if np.abs(change).max() > np.deg2rad(self.largest_change_deg):
+            raise NotMeasured("far from the recorded step")
+        return recorded + change, covariance
+
+
+def triplets(
+    tracks: Tracks, theta: Floats, step: float
+) -> Iterator[tuple[Integers, Floats]]:
+    """Yield the projections (3,) of each triplet and the columns (t, 3) of its tracks.
+
+    The projections lie `step` radians apart, as nearly as there are any.
+    """
+    further = partners(theta, step)
+    second = sightings_in(tracks, further)
+    third = np.where(second >= 0, second[second], -1)
+    complete = np.flatnonzero(third >= 0)
+    seen = np.stack([complete, second[complete], third[complete]], axis=1)
+    first = tracks.projection[complete]
+    by_first = np.argsort(first, kind="stable")
+    starts = np.flatnonzero(np.diff(first[by_first])) + 1
+    for part in np.split(seen[by_first], starts):
+        if len(part):
+            yield tracks.projection[part[0]], tracks.column[part]
+
+
+def sightings_in(tracks: Tracks, partner: Integers) -> Integers:
+    """(s,) for each sighting that of the same feature in the `partner` (n,) projection, or -1."""
+    if tracks.n_sightings == 0:
+        return np.empty(0, np.intp)
+    n = len(partner)
+    place = tracks.feature * n + tracks.projection
+    order = np.argsort(place, kind="stable")
+    there = partner[tracks.projection]
+    wanted = np.where(there >= 0, tracks.feature * n + there, -1)
+    found = np.searchsorted(place, wanted, sorter=order).clip(max=len(order) - 1)
+    return np.asarray(np.where(place[order[found]] == wanted, order[found], -1))
+
+
+def nothing(failures: Counter[str]) -> AngleMeasurements:
+    """Return measurements of no triplet at all."""
+    none = np.empty(0, np.intp)
+    empty = np.empty((0, 3), np.intp), np.empty((0, 2)), np.empty((0, 2, 2))
+    return AngleMeasurements(*empty, none, none, dict(failures))

@@ -1,0 +1,71 @@
+"""Which part of a slice is looked at, and where two slices differ most."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tomoslam_stage.products import Floats, Pixels
+
+Mask = NDArray[np.bool_]
+
+DISC_MARGIN_PX = 1.5
+"""Keeps the neighbours that gradients look at inside the field of view."""
+ZOOM_SHARE = 0.2
+SMALLEST_ZOOM_PX = 8
+
+
+class Window(NamedTuple):
+    """A square part of a slice, px."""
+
+    top: int
+    left: int
+    side: int
+
+    def cut(self, image: Pixels | Floats) -> Pixels | Floats:
+        """Return this part of `image` (z, x)."""
+        return image[self.top : self.top + self.side, self.left : self.left + self.side]
+
+
+def disc(shape: tuple[int, int]) -> Mask:
+    """(z, x) True where a slice of `shape` was seen by every projection."""
+    z, x = (np.arange(n) - (n - 1) / 2 for n in shape)
+    # A slice of any size keeps its middle, so that means over the disc always exist.
+    radius = max((min(shape) - 1) / 2 - DISC_MARGIN_PX, 0.75)
+    return np.asarray(z[:, None] ** 2 + x[None, :] ** 2 <= radius**2)
+
+
+def rms(values: Pixels | Floats) -> float:
+    """Root mean square of the finite values, nan if there are none."""
+    finite = np.asarray(values[np.isfinite(values)], np.float64)
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+
+
+def most_changed_window(difference: Pixels | Floats, inside: Mask) -> Window:
+    """Find the window with the largest rms of `difference` (z, x) among all that fit.
+
+    The middle of the slice where nothing differs.
+    """
+    height, width = difference.shape
+    side = min(max(round(ZOOM_SHARE * width), SMALLEST_ZOOM_PX), height, width)
+    squares = np.where(inside & np.isfinite(difference), difference, 0).astype(np.float64) ** 2
+    if not squares.any():
+        return Window((height - side) // 2, (width - side) // 2, side)
+    sums = np.pad(squares.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    local = sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
+    top, left = np.unravel_index(np.argmax(local), local.shape)
+    return Window(int(top), int(left), side)
+
+
+def grey_limits(images: Pixels | Floats, inside: Mask) -> tuple[float, float]:
+    """Range of grey values of all `images` (..., z, x) together, without the few extremes."""
+    values = images[..., inside]
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return 0.0, 1.0
+    low, high = (float(v) for v in np.percentile(values, [0.3, 99.7]))
+    if not low < high:
+        low, high = float(values.min()), float(values.max())
+    return (low, high) if low < high else (low - 0.5, high + 0.5)

@@ -1,0 +1,120 @@
+"""The closing words of a run."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+LABEL = 14
+WIDTH = 100
+
+
+def summary(report: Mapping[str, Any], folder: Path | None = None) -> str:
+    """Tell in about ten lines what a report says.
+
+    Parameters
+    ----------
+    report
+        As `comparison.report` makes it.
+    folder
+        Where the pictures are.
+    """
+    first = f"{report['scan']['name']}: {HEADLINES[report['status']]}"
+    said = {
+        "why": report["reason"],
+        "angles": angles(report),
+        "sigma": sigma(report["median_sigma_deg"]),
+        "axis": f"detector column {number(report['axis_px'], 6)}",
+        "residual": residual(report),
+        "halves": halves(report),
+        "true errors": true_errors(report["comparison"]["errors"]),
+        "features": features(report),
+        "report": ""
+        if folder is None
+        else f"{folder}: comparison.png, theta.png, theta.txt, report.json",
+        "time": time(report["seconds"]),
+    }
+    return "\n".join([first, *(entry(label, text) for label, text in said.items() if text)])
+
+
+HEADLINES = {
+    "accepted": "the refined angles are accepted",
+    "kept": "the recorded angles are kept, nothing was changed",
+}
+
+
+def entry(label: str, text: str) -> str:
+    """Put `label` before `text`, which goes on below itself where it is long."""
+    indent = " " * LABEL
+    lead = f"  {label}".ljust(LABEL)
+    return textwrap.fill(text, WIDTH, initial_indent=lead, subsequent_indent=indent)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Write a number with a few digits, or that it is not known."""
+    return "unknown" if value is None else f"{value:.{digits}g}"
+
+
+def angles(report: Mapping[str, Any]) -> str:
+    """How many, and how far they moved or would have moved."""
+    if not report["proposed_max_change_deg"]:
+        return f"{report['n_projections']} projections; no correction was found"
+    moved = f"{number(report['proposed_rms_change_deg'])} deg rms, "
+    moved += f"{number(report['proposed_max_change_deg'])} deg at most"
+    verb = "changed by" if report["status"] == "accepted" else "would have changed by"
+    return f"{report['n_projections']} projections; {verb} {moved}"
+
+
+def sigma(median: float | None) -> str:
+    """How sure the angles are by the factors' own account."""
+    return "" if median is None else f"{number(median)} deg, median of the angles found"
+
+
+def residual(report: Mapping[str, Any]) -> str:
+    """Tell how well the rows reproject with both sets of angles."""
+    facts = report["comparison"]
+    if facts["residual_gain_percent"] is None:
+        return ""
+    where = "unused rows" if facts["heldout_rows"] else "the rows used"
+    text = f"{where} reproject with {number(facts['residual_recorded'], 4)} (recorded), "
+    text += f"{number(facts['residual_refined'], 4)} (refined): "
+    text += f"{-facts['residual_gain_percent']:+.1f} %"
+    sure = (report["evidence"] or {}).get("residual_gain_sigma")
+    if sure is None:
+        return text
+    return f"{text} ({number(abs(sure), 2)} standard errors {'better' if sure >= 0 else 'worse'})"
+
+
+def halves(report: Mapping[str, Any]) -> str:
+    """Tell how far apart two halves of the data are."""
+    evidence = report["evidence"]
+    if evidence is None:
+        return ""
+    text = f"error of the angles as two halves show it: {number(evidence['half_error_deg'])} deg "
+    return text + f"(refined), {number(evidence['recorded_error_deg'])} deg (recorded)"
+
+
+def true_errors(errors: Mapping[str, float | None]) -> str:
+    """How far from the truth, where it is known."""
+    if not errors:
+        return ""
+    text = f"{number(errors['recorded_rms_deg'])} deg (recorded), "
+    text += f"{number(errors['refined_rms_deg'])} deg (refined) rms, mean removed; "
+    return text + f"error ratio {number(errors['error_ratio'])}"
+
+
+def features(report: Mapping[str, Any]) -> str:
+    """How much was seen."""
+    if report["n_features"] is None:
+        return ""
+    return f"{report['n_features']} features, {report['n_sightings']} sightings"
+
+
+def time(seconds: Mapping[str, float]) -> str:
+    """Seconds in all, and the stations they went to, the longest first."""
+    if not seconds:
+        return ""
+    longest = sorted(seconds.items(), key=lambda station: station[1], reverse=True)
+    return f"{sum(seconds.values()):.0f} s: " + ", ".join(f"{k} {v:.1f}" for k, v in longest)

@@ -1,0 +1,84 @@
+"""Angles and the triangle that three projections of a point make."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from tomoslam_stage.products import Floats, Integers
+
+TURN = 2 * np.pi
+
+
+def wrapped(angle: Floats) -> Floats:
+    """`angle` in radians, moved by whole turns into [-pi, pi)."""
+    return np.mod(angle + np.pi, TURN) - np.pi
+
+
+def around(theta: Floats) -> Integers:
+    """(n,) the projections in the order of their angles within the turn."""
+    return np.argsort(np.mod(theta, TURN), kind="stable")
+
+
+def partners(theta: Floats, step: float) -> Integers:
+    """(n,) for each projection the one that lies `step` radians further on, or -1.
+
+    Whole turns do not count: in a scan over the full turn the last projections have partners among
+    the first. The nearest recorded angle is taken; one that misses by more than a fifth of the step
+    is none.
+    """
+    order = around(theta)
+    sorted_theta = np.mod(theta, TURN)[order]
+    wanted = np.mod(theta + step, TURN)
+    after = np.searchsorted(sorted_theta, wanted) % len(theta)
+    candidates = np.stack([order[after], order[after - 1]])
+    miss = np.abs(wrapped(theta[candidates] - wanted))
+    best = np.argmin(miss, axis=0)
+    everyone = np.arange(len(theta))
+    found = candidates[best, everyone]
+    usable = (miss[best, everyone] <= 0.2 * step) & (found != everyone)
+    return np.where(usable, found, -1)
+
+
+def triangle_angles(normal: Floats) -> Floats:
+    """(m, 2) radians: both steps of triplets from the normals (m, 3) of their features' plane.
+
+    The columns ``(x1, x2, x3)`` of all features lie in one plane, ``m x1 - k x2 + x3 = 0`` with
+    ``k = sin(D1 + D2) / sin(D1)`` and ``m = sin(D2) / sin(D1)`` (Griguletskii et al., equation 2).
+    So (1, m, k) are the sides of a triangle whose opposite angles are D1, D2 and pi - D1 - D2, and
+    the cosine rule gives both. Not a triangle: NaN.
+    """
+    m, k, one = np.abs(normal).T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        first = np.arccos((m**2 + k**2 - one**2) / (2 * m * k))
+        second = np.arccos((one**2 + k**2 - m**2) / (2 * one * k))
+    return np.stack([first, second], axis=-1)
+
+
+def triangle_jacobian(normal: Floats, angles: Floats) -> Floats:
+    """(m, 2, 3) derivative of `triangle_angles` with respect to the normal (m, 3).
+
+    From ``dA = a (da - cos(C) db - cos(B) dc) / (b c sin(A))`` for the angle A opposite side a.
+    """
+    m, k, one = np.abs(normal).T
+    first, second = angles.T
+    cos_first, cos_second, cos_third = np.cos(first), np.cos(second), -np.cos(first + second)
+    for_first = np.stack([-cos_third, -cos_second, np.ones_like(m)]) * one / (m * k * np.sin(first))
+    for_second = np.stack([np.ones_like(m), -cos_first, -cos_third]) * m / (
+        one * k * np.sin(second)
+    )
+    jacobian = np.stack([for_first, for_second]) * np.sign(normal.T)
+    return np.moveaxis(jacobian, -1, 0)
+
+
+def rms(values: Floats) -> float:
+    """Root of the mean square of `values`, not counting NaN."""
+    return float(np.sqrt(np.nanmean(np.square(values))))
+
+
+def rms_difference(first: Floats, second: Floats) -> float:
+    """Root of the mean square of the difference with its mean removed, as a gauge is free."""
+    difference = first - second
+    return rms(difference - np.nanmean(difference))

@@ -1,0 +1,84 @@
+"""How a method is chosen by name: a visible table of frozen dataclasses.
+
+A method is one frozen pydantic dataclass whose fields are its parameters. A table maps names to
+such classes; `build` makes one from what a pipeline says, and answers a wrong name or key with the
+nearest right one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import BeforeValidator, ConfigDict, ValidationError
+from pydantic.dataclasses import dataclass as pydantic_dataclass
+
+from tomoslam_stage.errors import PipelineError, nearest
+
+if TYPE_CHECKING:
+    from typing import dataclass_transform
+else:
+
+    def dataclass_transform(**_: Any) -> Any:
+        """Stand in at run time for what only a type checker reads."""
+        return lambda decorated: decorated
+
+
+Method = TypeVar("Method")
+
+STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+def method(cls: type[Method]) -> type[Method]:
+    """Make `cls` a method: a frozen dataclass that checks its parameters and takes no others."""
+    return pydantic_dataclass(frozen=True, config=STRICT, kw_only=True)(cls)
+
+
+def build(table: Mapping[str, type[Method]], spec: str | Mapping[str, Any], where: str) -> Method:
+    """Make the method that `spec` names: ``"sift"`` or ``{"method": "sift", "keypoints": 500}``.
+
+    Raises
+    ------
+    PipelineError
+        If the name or a key is unknown, or a value does not fit.
+    """
+    chosen = {"method": spec} if isinstance(spec, str) else dict(spec)
+    name = chosen.pop("method", None)
+    if name not in table:
+        raise PipelineError(where, f"no method {name!r}.", nearest(str(name), table))
+    return checked(table[name], chosen, f"{where}.{name}")
+
+
+def checked(cls: type[Method], parameters: Mapping[str, Any], where: str) -> Method:
+    """Make `cls` from `parameters`, or say which parameter is wrong and what would be right.
+
+    Raises
+    ------
+    PipelineError
+        For an unknown key or a value of the wrong type or range.
+    """
+    known = list(getattr(cls, "__dataclass_fields__", {}))
+    for key in parameters:
+        if key not in known:
+            raise PipelineError(where, f"no parameter {key!r}.", nearest(str(key), known))
+    try:
+        return cls(**parameters)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join([where, *map(str, first["loc"])])
+        raise PipelineError(key, f"{first['input']!r} does not fit: {first['msg']}.") from error
+
+
+def chosen_from(table: Mapping[str, type[Any]], where: str) -> BeforeValidator:
+    """Let a field take a name or a mapping and make the method of `table` that it means."""
+
+    def choose(spec: Any) -> Any:
+        return build(table, spec, where) if isinstance(spec, str | Mapping) else spec
+
+    return BeforeValidator(choose)
+
+
+def name_of(chosen: object, table: Mapping[str, type[Any]]) -> str:
+    """Return the name under which `table` knows the class of `chosen`."""
+    return next(name for name, cls in table.items() if cls is type(chosen))

@@ -1,0 +1,281 @@
+"""The products of the stations, in the order in which a scan passes them.
+
+    Scan -> Tracks -> AngleMeasurements -> Refinement -> Reconstructions -> Comparison
+
+Conventions, kept everywhere:
+
+* projections are indexed (projection, row, column); rows grow downwards, columns to the right,
+  pixel centres lie on whole numbers;
+* angles are radians, unwrapped; degrees exist in keys and file datasets only, whose names end
+  ``_deg``, and inside `scans`;
+* ``u = X cos(theta) + Z sin(theta)`` is the column of the point (X, Z), counted from the axis,
+  in a parallel beam; a projection's detector column is ``u + axis``;
+* a slice is an array (z, x) whose middle ``(n - 1) / 2`` lies on the axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Floats: TypeAlias = NDArray[np.float64]
+Pixels: TypeAlias = NDArray[np.float32]
+Integers: TypeAlias = NDArray[np.intp]
+Status: TypeAlias = Literal["accepted", "kept"]
+
+
+class ProjectionSource(Protocol):
+    """Where a scan's line integrals come from: a file, read lazily, or an array."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Projections, rows, columns."""
+        ...
+
+    def read(self, projections: Integers, rows: Integers) -> Pixels:
+        """Line integrals (projection, row, column) of the chosen projections and rows."""
+        ...
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A scan as it was recorded; its projections are read when they are asked for."""
+
+    source: ProjectionSource
+    """Line integrals, one projection per entry of `theta`."""
+    theta: Floats
+    """(n,) radians, unwrapped: the recorded angles."""
+    frames: Integers
+    """(n,) index of each projection in the file."""
+    name: str = "scan"
+    """What messages call it."""
+    path: Path | None = None
+    """The file, where there is one."""
+    binning: int = 1
+    """Detector pixels of the file in one pixel of `source`, along rows and columns."""
+
+    def __post_init__(self) -> None:
+        n = self.source.shape[0]
+        if self.theta.shape != (n,) or self.frames.shape != (n,):
+            raise ValueError(
+                f"{n} projections need {n} angles and {n} frames; "
+                f"found {self.theta.shape} and {self.frames.shape}"
+            )
+
+    @property
+    def n_projections(self) -> int:
+        """Number of projections."""
+        return self.source.shape[0]
+
+    @property
+    def n_rows(self) -> int:
+        """Number of detector rows."""
+        return self.source.shape[1]
+
+    @property
+    def n_columns(self) -> int:
+        """Number of detector columns."""
+        return self.source.shape[2]
+
+    def projection(self, index: int) -> Pixels:
+        """(row, column) line integrals of one projection."""
+        alone: Pixels = self.source.read(np.array([index]), np.arange(self.n_rows))[0]
+        return alone
+
+    def column_in_file(self, column: float) -> float:
+        """Return the detector column of the file, px, where `column` of this scan has its centre."""
+        return column * self.binning + (self.binning - 1) / 2
+
+    def column_from_file(self, column: float) -> float:
+        """Return the column of this scan, px, that lies at detector `column` of the file."""
+        return (column - (self.binning - 1) / 2) / self.binning
+
+    def sinograms(self, rows: Integers) -> Pixels:
+        """(row, projection, column) line integrals of a few rows."""
+        everything = np.arange(self.n_projections)
+        return self.source.read(everything, rows).transpose(1, 0, 2)
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """The sightings of all features, sorted by feature, then along the way of tracking."""
+
+    feature: Integers
+    """(s,) number of the feature that was sighted."""
+    projection: Integers
+    """(s,) projection it was sighted in."""
+    column: Floats
+    """(s,) detector column, px."""
+    row: Floats
+    """(s,) detector row, px."""
+    keypoints: Integers
+    """(n,) keypoints found in each projection, before any was matched or left out."""
+    fixed_to_detector: int = 0
+    """Keypoints left out because they do not move while the object does (dust, hot pixels)."""
+
+    def __post_init__(self) -> None:
+        shapes = {a.shape for a in (self.feature, self.projection, self.column, self.row)}
+        if len(shapes) != 1:
+            raise ValueError(f"the columns of Tracks differ in length: {shapes}")
+
+    @property
+    def n_sightings(self) -> int:
+        """Number of sightings."""
+        return len(self.feature)
+
+    @property
+    def n_features(self) -> int:
+        """Number of different features."""
+        return len(np.unique(self.feature))
+
+    def chosen(self, mask: NDArray[np.bool_]) -> Tracks:
+        """Return the sightings where `mask` (s,) holds."""
+        return Tracks(
+            self.feature[mask],
+            self.projection[mask],
+            self.column[mask],
+            self.row[mask],
+            self.keypoints,
+            self.fixed_to_detector,
+        )
+
+
+@dataclass(frozen=True)
+class AngleMeasurements:
+    """The steps inside triplets of projections, as the tracks show them."""
+
+    projections: Integers
+    """(m, 3) the three projections of each triplet."""
+    steps: Floats
+    """(m, 2) radians: theta2 - theta1 and theta3 - theta2, unwrapped like the recorded steps."""
+    covariance: Floats
+    """(m, 2, 2) radians squared."""
+    tracks: Integers
+    """(m,) tracks seen in all three projections."""
+    inliers: Integers
+    """(m,) tracks that agree with the measured steps."""
+    failures: Mapping[str, int] = field(default_factory=dict)
+    """How many triplets gave no measurement, by reason."""
+
+    def __post_init__(self) -> None:
+        m = len(self.projections)
+        shapes = (self.projections.shape, self.steps.shape, self.covariance.shape)
+        if shapes != ((m, 3), (m, 2), (m, 2, 2)):
+            raise ValueError(f"the columns of AngleMeasurements have the shapes {shapes}")
+
+    @property
+    def n_measured(self) -> int:
+        """Number of triplets that were measured."""
+        return len(self.projections)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for or against the refined angles, from data that did not make them."""
+
+    half_error_deg: float
+    """Error of the refined angles as two disjoint halves of the tracks show it."""
+    recorded_error_deg: float
+    """Error of the recorded angles as the refined ones show it, that of the halves taken off."""
+    residual_recorded: float
+    """Reprojection residual on unused rows with the recorded angles, rms, line integral units."""
+    residual_refined: float
+    """The same with the refined angles."""
+    residual_gain_sigma: float
+    """Fall of the squared residual, in standard errors over rows and parts of the turn."""
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """The refined angles, how sure they are, and whether they stand."""
+
+    recorded: Floats
+    """(n,) radians."""
+    refined: Floats
+    """(n,) radians; what the factor graph found, whether it is accepted or not."""
+    sigma: Floats
+    """(n,) radians, one standard deviation of `refined`."""
+    status: Status
+    """``accepted``: `refined` stands; ``kept``: `recorded` stands."""
+    reason: str
+    """Why, in numbers."""
+    axes: Mapping[str, float]
+    """``recorded`` and ``refined``: detector column of the rotation axis that suits either, px."""
+    evidence: Evidence | None = None
+    """What the gate weighed, where it came that far."""
+    residuals: Mapping[str, Floats] = field(default_factory=dict)
+    """Residuals of the factors by factor name, radians."""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    """Numbers worth reporting: features, sightings, triplets measured and failed."""
+    reprojection: Mapping[str, Floats] = field(default_factory=dict)
+    """By name of the angles: (n,) rms residual of each projection on `heldout_rows`."""
+    heldout_rows: Integers = field(default_factory=lambda: np.empty(0, np.intp))
+    """Rows that were kept out of the refinement."""
+
+    def __post_init__(self) -> None:
+        if not self.recorded.shape == self.refined.shape == self.sigma.shape:
+            raise ValueError("recorded, refined and sigma differ in length")
+
+    @property
+    def theta(self) -> Floats:
+        """(n,) radians: the angles that stand."""
+        return self.refined if self.status == "accepted" else self.recorded
+
+    @property
+    def axis(self) -> float:
+        """Detector column of the axis that goes with the angles that stand, px."""
+        return self.axes["refined" if self.status == "accepted" else "recorded"]
+
+    @property
+    def change(self) -> Floats:
+        """(n,) radians: refined minus recorded."""
+        return self.refined - self.recorded
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """Slices reconstructed with one set of angles."""
+
+    theta: Floats
+    """(n,) radians."""
+    axis: float
+    """Detector column of the axis that was used, px."""
+    rows: Integers
+    """(r,) detector rows of the slices."""
+    slices: Pixels
+    """(r, z, x) attenuation per pixel."""
+    method: str
+    """Backend and algorithm, for instance ``finufft fbp``."""
+
+
+Reconstructions: TypeAlias = Mapping[str, Reconstruction]
+"""By name: ``recorded``, ``refined`` and, for simulated scans, ``true``."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The true angles of a simulated scan. Only the report may look at them."""
+
+    theta: Floats
+    """(n,) radians."""
+    axis: float | None = None
+    """Detector column, px."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Numbers that compare the reconstructions; it never decides anything by itself."""
+
+    residual: Mapping[str, Floats]
+    """By name of the reconstruction: (n,) reprojection residual of each projection, rms."""
+    sharpness: Mapping[str, Mapping[str, float]]
+    """Metric -> name of the reconstruction -> value; shown without a verdict."""
+    errors: Mapping[str, float] = field(default_factory=dict)
+    """Against the truth, where the scan is simulated: degrees, and the ratio of equation 7."""

@@ -1,0 +1,137 @@
+"""The gate: refined angles stand only if data that did not make them says so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from pydantic import Field
+
+from tomoslam_stage.geometry import around, rms, rms_difference
+from tomoslam_stage.methods import method
+from tomoslam_stage.products import Evidence
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from tomoslam_stage.products import AngleMeasurements, Floats, Status, Tracks
+
+SECTORS = 8
+"""Parts of the turn over which the fall of the residual is averaged on its own."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the gate says, and why."""
+
+    status: Status
+    reason: str
+
+
+@dataclass(frozen=True)
+class Halves:
+    """The angles that all tracks give, and those of two disjoint halves of them."""
+
+    whole: Floats
+    """(n,) radians."""
+    first: Floats
+    """(n,) radians."""
+    second: Floats
+    """(n,) radians."""
+
+    @property
+    def error(self) -> float:
+        """Radians: the error of `whole`, its mean removed.
+
+        The halves have independent errors, larger than those of the whole by the square root of
+        two; so half their difference has the size of an error of the whole.
+        """
+        return rms_difference(self.first, self.second) / 2
+
+    def error_of(self, recorded: Floats) -> float:
+        """Radians: the error of the recorded angles; that of `whole` is in the change too."""
+        change = rms_difference(self.whole, recorded)
+        return float(np.sqrt(max(change**2 - self.error**2, 0.0)))
+
+    def excess(self, sigma: Floats) -> float:
+        """How much larger the error is than `sigma` (n,) says, both from the angle held; not < 1."""
+        shown = rms(self.first - self.second) / 2
+        said = rms(sigma)
+        return max(1.0, shown / said) if said > 0 else 1.0
+
+
+@method
+class Gate:
+    """Weighs two kinds of evidence; both must speak for the refined angles."""
+
+    half_share: Annotated[float, Field(gt=0, le=1)] = 0.7
+    """Largest error of the refined angles, as two halves of the tracks show it, in units of the
+    error of the recorded ones."""
+    significance: Annotated[float, Field(ge=0)] = 3.0
+    """Smallest fall of the reprojection residual on unused rows, in its standard errors."""
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        """Accept the refined angles or keep the recorded ones, with the reason in numbers."""
+        halves = (
+            "two halves of the tracks put the error of the refined angles at "
+            f"{evidence.half_error_deg:.3g} degrees and that of the recorded ones at "
+            f"{evidence.recorded_error_deg:.3g}"
+        )
+        fall = 1 - (evidence.residual_refined / evidence.residual_recorded) ** 2
+        unused = (
+            "on rows that were not used the squared reprojection residual "
+            f"{'falls' if fall >= 0 else 'rises'} by {abs(fall):.1%} "
+            f"({evidence.residual_gain_sigma:+.1f} standard errors)"
+        )
+        against = []
+        if evidence.half_error_deg >= self.half_share * evidence.recorded_error_deg:
+            against.append(f"{halves}; less than {self.half_share:g} of it is needed")
+        if evidence.residual_gain_sigma < self.significance:
+            against.append(f"{unused}; a fall by {self.significance:g} or more is needed")
+        if against:
+            return Verdict("kept", "; ".join(against))
+        return Verdict("accepted", f"{halves}; {unused}")
+
+
+def nothing_measured(tracks: Tracks, measurements: AngleMeasurements) -> Verdict:
+    """Keep the recorded angles, because no triplet of projections gave a measurement."""
+    failures = ", ".join(f"{why}: {count}" for why, count in measurements.failures.items())
+    return Verdict(
+        "kept",
+        f"no triplet of projections could be measured ({failures or 'no track runs through one'}); "
+        f"{tracks.keypoints.mean():.1f} keypoints a projection gave {tracks.n_features} tracks",
+    )
+
+
+def weigh(recorded: Floats, halves: Halves, squares: Mapping[str, Floats]) -> Evidence:
+    """Put numbers to the evidence.
+
+    Parameters
+    ----------
+    recorded
+        (n,) radians.
+    halves
+        The refined angles, from all tracks and from halves of them.
+    squares
+        ``recorded`` and ``refined``: (r, n) mean squared residual on rows that were not used, see
+        `Reprojection.squares`.
+    """
+    return Evidence(
+        half_error_deg=float(np.rad2deg(halves.error)),
+        recorded_error_deg=float(np.rad2deg(halves.error_of(recorded))),
+        residual_recorded=float(np.sqrt(squares["recorded"].mean())),
+        residual_refined=float(np.sqrt(squares["refined"].mean())),
+        residual_gain_sigma=gain_sigma(squares["recorded"] - squares["refined"], recorded),
+    )
+
+
+def gain_sigma(fall: Floats, theta: Floats) -> float:
+    """Mean of `fall` (r, n) in standard errors, those of its means over rows and parts of the turn.
+
+    The angles are the same for all rows: what differs between rows is noise and model error.
+    """
+    sectors = np.array_split(fall[:, around(theta)], min(SECTORS, fall.shape[1]), axis=1)
+    means = np.array([sector.mean(axis=1) for sector in sectors])
+    error = means.std(ddof=1) / np.sqrt(means.size) if means.size > 1 else 0.0
+    return float(means.mean() / error) if error > 0 else 0.0

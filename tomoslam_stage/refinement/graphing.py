@@ -1,0 +1,50 @@
+"""The station AngleMeasurements -> angles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
+from tomoslam_stage.methods import checked, method
+from tomoslam_stage.errors import PipelineError, nearest
+from tomoslam_stage.products import AngleMeasurements, Floats
+from tomoslam_stage.refinement.factors import FACTORS, Factor
+from tomoslam_stage.refinement.gate import Gate
+from tomoslam_stage.refinement.solve import Solution, Solver
+
+
+def factors_from(spec: Any) -> Any:
+    """Make each factor that a mapping of names to parameters asks for."""
+    if not isinstance(spec, Mapping):
+        return spec
+    for name in spec:
+        if name not in FACTORS:
+            raise PipelineError("refinement.factors", f"no factor {name!r}.", nearest(name, FACTORS))
+    return {
+        name: checked(FACTORS[name], given or {}, f"refinement.factors.{name}")
+        if given is None or isinstance(given, Mapping)
+        else given
+        for name, given in spec.items()
+    }
+
+
+@method
+class FactorGraph:
+    """The paper's section 4: factors on the angles, solved together, and the gate behind them."""
+
+    factors: Annotated[Mapping[str, Factor], BeforeValidator(factors_from)] = field(
+        default_factory=lambda: {name: factor() for name, factor in FACTORS.items()}
+    )
+    """Which factors are in the graph, by name, with their noise models."""
+    solver: Solver = field(default_factory=Solver)
+    """How it is solved."""
+    gate: Gate = field(default_factory=Gate)
+    """What the angles must show before they stand."""
+
+    def solve(self, theta: Floats, measurements: AngleMeasurements) -> Solution:
+        """Find the angles that agree best with the recorded `theta` (n,) and `measurements`."""
+        blocks = {name: f.block(theta, measurements) for name, f in self.factors.items()}
+        return self.solver.solve(blocks, theta)

@@ -1,0 +1,37 @@
+"""compare: everything found -> Comparison, and the files people look at."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from tomoslam_stage import comparison, scans
+from tomoslam_stage.methods import method
+from tomoslam_stage.stages.work import SideOutputs, Work, made
+
+SLICES = "slices.h5"
+
+
+@method
+class Compare:
+    """Compare recorded and refined angles, and write the report folder."""
+
+    needs: ClassVar = ("scan", "refinement", "reconstructions")
+    makes: ClassVar = ("comparison",)
+
+    save_tiff: bool = False
+    """Write the slices as float32 TIFF files, too."""
+
+    def run(self, work: Work) -> SideOutputs:
+        """Leave the comparison and the report, and write its files."""
+        scan, refinement = made(work.scan, "scan"), made(work.refinement, "refinement")
+        slices = made(work.reconstructions, "reconstructions")
+        truth = scans.read_truth(work.path)
+        compared = comparison.compare(refinement, slices, refinement.reprojection, truth)
+        work.comparison = compared
+        findings = comparison.Findings(scan, refinement, slices, compared, truth)
+        run = comparison.Run(dict(work.seconds), work.pipeline)
+        work.report = comparison.write_report(work.folder, findings, run)
+        scans.write_slices(work.folder / SLICES, slices)
+        if self.save_tiff:
+            scans.write_tiffs(work.folder / "slices", slices)
+        return {}

@@ -1,0 +1,42 @@
+"""load_scan: a file -> Scan."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from tomoslam_stage import scans
+from tomoslam_stage.methods import method
+from tomoslam_stage.stages.work import SideOutputs, Work
+
+
+@method
+class LoadScan:
+    """Open a DXchange scan; everything about it is checked before any work."""
+
+    makes: ClassVar = ("scan",)
+    gives: ClassVar = ("n_projections", "n_rows", "n_columns")
+
+    kind: scans.Kind = "auto"
+    """What the data are: ``counts``, ``transmission`` or ``line_integrals``."""
+    units: scans.Units = "auto"
+    """Units of theta, ``deg`` or ``rad``; ``auto`` believes the file."""
+    parallel: bool = False
+    """Take the beam for parallel, whatever distances the file holds."""
+    binning: Annotated[int, Field(ge=1)] = 1
+    """Detector pixels averaged along rows and along columns."""
+
+    def run(self, work: Work) -> SideOutputs:
+        """Leave the scan; find out now whether angles could be written at the end."""
+        scan = scans.open_scan(
+            work.path,
+            kind=self.kind,
+            units=self.units,
+            parallel=self.parallel,
+            binning=self.binning,
+        )
+        if work.output is None and not work.dry_run:
+            scans.check_writable(work.path)
+        work.scan = scan
+        return {name: getattr(scan, name) for name in self.gives}

@@ -1,0 +1,43 @@
+"""write_theta: accepted angles -> the scan, or a companion file."""
+
+from __future__ import annotations
+
+import logging
+from typing import ClassVar
+
+from tomoslam_stage import scans
+from tomoslam_stage.comparison import versions
+from tomoslam_stage.methods import method
+from tomoslam_stage.stages.work import SideOutputs, Work, made
+
+log = logging.getLogger(__name__)
+
+
+@method
+class WriteTheta:
+    """Write the refined angles back, if they were accepted; else touch nothing."""
+
+    needs: ClassVar = ("scan", "refinement")
+
+    def run(self, work: Work) -> SideOutputs:
+        """Write in one transaction."""
+        scan, refinement = made(work.scan, "scan"), made(work.refinement, "refinement")
+        if refinement.status == "kept":
+            log.info("%s: recorded angles kept, nothing written", scan.name)
+            return {}
+        if work.dry_run:
+            log.info("%s: dry run, nothing written", scan.name)
+            return {}
+        record = scans.ProcessRecord(
+            parameters={"pipeline": work.pipeline},
+            versions={name: version or "" for name, version in versions().items()},
+            started=work.started,
+            message=refinement.reason,
+        )
+        refined, sigma = refinement.refined, refinement.sigma
+        if work.output is None:
+            scans.write_theta(work.path, refined, sigma, record)
+        else:
+            scans.write_companion(work.output, work.path, refined, sigma, record)
+        log.info("%s: refined angles written", (work.output or work.path).name)
+        return {}

@@ -1,0 +1,57 @@
+"""The station Scan -> Tracks."""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tomoslam_stage.methods import chosen_from, method
+from tomoslam_stage.products import Scan, Tracks
+from tomoslam_stage.tracks.detectors import DETECTORS, Detector, Sift
+from tomoslam_stage.tracks.fixed import FixedToDetector
+from tomoslam_stage.tracks.following import FOLLOWERS, Follower, Runs, Sights
+from tomoslam_stage.tracks.keypoints import find_keypoints
+from tomoslam_stage.tracks.linking import tracks_of
+from tomoslam_stage.tracks.matching import Matching
+
+
+@method
+class Tracking:
+    """Detect keypoints, leave out those fixed to the detector, match and follow the others."""
+
+    detector: Annotated[Detector, chosen_from(DETECTORS, "tracks.detector")] = field(
+        default_factory=Sift
+    )
+    """What finds keypoints."""
+    follower: Annotated[Follower, chosen_from(FOLLOWERS, "tracks.follower")] = field(
+        default_factory=Runs
+    )
+    """How matches become tracks."""
+    matching: Matching = field(default_factory=Matching)
+    """How two projections are matched."""
+    fixed: FixedToDetector = field(default_factory=FixedToDetector)
+    """How dust and hot pixels are recognised."""
+    background: Annotated[float, Field(gt=1)] = 4.0
+    """What is smoother than a Gaussian of this width, px, is taken off before detection."""
+
+    def track(self, scan: Scan, axis: float, usable: NDArray[np.bool_]) -> Tracks:
+        """Follow the features of `scan`.
+
+        Parameters
+        ----------
+        scan
+            Its projections and recorded angles.
+        axis
+            Detector column of the rotation axis, px.
+        usable
+            (row,) whether keypoints may be taken from a row.
+        """
+        everything = find_keypoints(scan, self.detector, self.background, usable)
+        fixed = self.fixed.find(everything, scan.theta)
+        moving = [k.chosen(~mask) for k, mask in zip(everything, fixed, strict=True)]
+        runs = self.follower.runs(Sights(moving, scan.theta, axis, self.matching))
+        return tracks_of(runs, moving, sum(int(mask.sum()) for mask in fixed))
