@@ -66,8 +66,8 @@ def triangle_jacobian(normal: Floats, angles: Floats) -> Floats:
     first, second = angles.T
     cos_first, cos_second, cos_third = np.cos(first), np.cos(second), -np.cos(first + second)
     for_first = np.stack([-cos_third, -cos_second, np.ones_like(m)]) * one / (m * k * np.sin(first))
-    for_second = np.stack([np.ones_like(m), -cos_first, -cos_third]) * m / (
-        one * k * np.sin(second)
+    for_second = (
+        np.stack([np.ones_like(m), -cos_first, -cos_third]) * m / (one * k * np.sin(second))
     )
     jacobian = np.stack([for_first, for_second]) * np.sign(normal.T)
     return np.moveaxis(jacobian, -1, 0)

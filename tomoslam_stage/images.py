@@ -29,9 +29,12 @@ def bandpass(projection: Pixels, fine: float, coarse: float) -> Pixels:
 
 
 def noise_sigma(image: Pixels) -> float:
-    """Standard deviation of the white noise in `image`, from its second differences.
+    """Return the standard deviation of the white noise in `image` (row, column).
 
-    Immerkaer, Computer Vision and Image Understanding 64 (1996) 300, with a median.
+    The median of its second differences along both directions, which edges hardly move.
+
+    After Immerkaer, Computer Vision and Image Understanding 64 (1996) 300, who takes the mean.
+    An image of less than three rows or columns has no second differences: 0.
     """
     if min(image.shape) < 3:
         return 0.0

@@ -8,31 +8,24 @@ nearest right one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar, cast, dataclass_transform
 
 from pydantic import BeforeValidator, ConfigDict, ValidationError
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tomoslam_stage.errors import PipelineError, nearest
 
-if TYPE_CHECKING:
-    from typing import dataclass_transform
-else:
-
-    def dataclass_transform(**_: Any) -> Any:
-        """Stand in at run time for what only a type checker reads."""
-        return lambda decorated: decorated
-
-
 Method = TypeVar("Method")
 
 STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+"""No unknown parameters; fields may be of any type, such as another method."""
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
 def method(cls: type[Method]) -> type[Method]:
     """Make `cls` a method: a frozen dataclass that checks its parameters and takes no others."""
-    return pydantic_dataclass(frozen=True, config=STRICT, kw_only=True)(cls)
+    checking = pydantic_dataclass(frozen=True, config=STRICT, kw_only=True)(cls)
+    return cast(type[Method], checking)
 
 
 def build(table: Mapping[str, type[Method]], spec: str | Mapping[str, Any], where: str) -> Method:
@@ -45,7 +38,7 @@ def build(table: Mapping[str, type[Method]], spec: str | Mapping[str, Any], wher
     """
     chosen = {"method": spec} if isinstance(spec, str) else dict(spec)
     name = chosen.pop("method", None)
-    if name not in table:
+    if not isinstance(name, str) or name not in table:
         raise PipelineError(where, f"no method {name!r}.", nearest(str(name), table))
     return checked(table[name], chosen, f"{where}.{name}")
 

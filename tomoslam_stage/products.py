@@ -90,7 +90,7 @@ class Scan:
         return alone
 
     def column_in_file(self, column: float) -> float:
-        """Return the detector column of the file, px, where `column` of this scan has its centre."""
+        """Return the detector column of the file, px, at the centre of `column` of this scan."""
         return column * self.binning + (self.binning - 1) / 2
 
     def column_from_file(self, column: float) -> float:
@@ -184,6 +184,8 @@ class Evidence:
     """Error of the refined angles as two disjoint halves of the tracks show it."""
     recorded_error_deg: float
     """Error of the recorded angles as the refined ones show it, that of the halves taken off."""
+    half_measured: float
+    """Triplets that the poorer half measured, in units of those that all tracks measured."""
     residual_recorded: float
     """Reprojection residual on unused rows with the recorded angles, rms, line integral units."""
     residual_refined: float

@@ -15,7 +15,9 @@ Item = TypeVar("Item")
 class Listener(Protocol):
     """Hears that `done` of `total` pieces of the work called `what` are finished."""
 
-    def __call__(self, what: str, done: int, total: int) -> None: ...
+    def __call__(self, what: str, done: int, total: int) -> None:
+        """Take note."""
+        ...
 
 
 _listener: ContextVar[Listener | None] = ContextVar("progress_listener", default=None)

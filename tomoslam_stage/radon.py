@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,11 @@ from scipy.fft import irfft, next_fast_len, rfft
 if TYPE_CHECKING:
     from tomoslam_stage.products import Floats, Pixels
 
-Window = Literal["ram-lak", "shepp-logan", "hann"]
-Spectrum = NDArray[np.complex64]
+Window: TypeAlias = Literal["ram-lak", "shepp-logan", "hann"]
+Spectrum: TypeAlias = NDArray[np.complex64]
 
 ACCURACY = 1e-5
+"""Relative error of the transforms; single precision allows little more."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Radon:
         return self._detector(self._radial_lines(slices))
 
     def derivative(self, slices: Pixels) -> Pixels:
-        """Derivative of `project` with respect to each angle: (r, n, column), per radian.
+        """Return the derivative of `project` by each angle: (r, n, column), per radian.
 
         ``dp/dtheta`` has the spectrum ``-2 pi i f (cos(theta) F[Z s] - sin(theta) F[X s])``.
         """
@@ -60,7 +61,7 @@ class Radon:
         return self._spread(rfft(sinograms, self._length, axis=-1))
 
     def fbp(self, sinograms: Pixels, window: Window = "hann") -> Pixels:
-        """Filtered back-projection (r, z, x) of `sinograms` (r, n, column), per pixel.
+        """Return slices (r, z, x), per pixel: `sinograms` (r, n, column) filtered and spread.
 
         The ramp is the discrete one of Ram and Lak; each projection weighs as much as the angle
         it stands for (`angular_weights`); ends of truncated projections are tapered off.
@@ -74,7 +75,7 @@ class Radon:
     def disc(self) -> NDArray[np.bool_]:
         """(z, x) pixels that every projection sees, were the axis in the middle."""
         along = np.arange(self.size) - (self.size - 1) / 2
-        return np.hypot(along[:, None], along) <= self.size / 2 - 1
+        return np.asarray(np.hypot(along[:, None], along) <= self.size / 2 - 1)
 
     @cached_property
     def _length(self) -> int:
@@ -84,7 +85,7 @@ class Radon:
     @cached_property
     def _frequencies(self) -> Floats:
         """(f,) cycles per pixel."""
-        return np.fft.rfftfreq(self._length)
+        return np.fft.rfftfreq(self._length).astype(np.float64)
 
     @cached_property
     def _points(self) -> tuple[Pixels, Pixels]:
@@ -99,9 +100,11 @@ class Radon:
         """(n, f) phase that moves a slice's middle pixel to the axis' detector column."""
         off = self.size // 2 - (self.size - 1) / 2
         offset = self.axis + off * (np.cos(self.theta) + np.sin(self.theta))
-        return np.exp(-2j * np.pi * np.outer(offset, self._frequencies)).astype(np.complex64)
+        cycles = np.outer(offset, self._frequencies)
+        return np.asarray(np.exp(-2j * np.pi * cycles), np.complex64)
 
     def _plan(self, kind: int, count: int) -> Any:
+        """Plan `count` transforms: kind 2 evaluates radial lines, kind 1, its adjoint, spreads."""
         import finufft
 
         sign = -1 if kind == 2 else 1
@@ -111,16 +114,17 @@ class Radon:
         return plan
 
     def _radial_lines(self, slices: Pixels) -> Spectrum:
-        spectrum = self._plan(2, len(slices)).execute(slices.astype(np.complex64))
-        lines: Spectrum = spectrum.reshape(len(slices), len(self.theta), -1)
-        return lines
+        """(r, n, f) Fourier transform of `slices` (r, z, x) on the radial lines."""
+        lines: Spectrum = self._plan(2, len(slices)).execute(slices.astype(np.complex64))
+        return lines.reshape(len(slices), len(self.theta), -1)
 
     def _detector(self, spectrum: NDArray[Any]) -> Pixels:
+        """(r, n, column) what has the `spectrum` (r, n, f), the axis at its column."""
         projections = irfft(spectrum * self._shift, self._length, axis=-1)
         return projections[..., : self.n_columns].astype(np.float32)
 
     def _spread(self, spectrum: NDArray[Any]) -> Pixels:
-        """Real part of the sum over all frequencies, of which only half are stored."""
+        """(r, z, x) sum over all frequencies of `spectrum` (r, n, f), of which half are stored."""
         both = np.full(len(self._frequencies), 2 / self._length, np.float32)
         both[[0, -1]] = 1 / self._length
         weighted = (spectrum * self._shift.conj() * both).astype(np.complex64)

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from tomoslam_stage.images import highpass
 from tomoslam_stage.methods import method
-from tomoslam_stage.parallel import parallel
+from tomoslam_stage.parallel import in_blocks
 from tomoslam_stage.radon import Radon
 
 if TYPE_CHECKING:
@@ -22,10 +22,8 @@ if TYPE_CHECKING:
 
     from tomoslam_stage.products import Floats, Pixels
 
-BLOCK = 4
-"""Rows reconstructed together: bounds the memory, and is the same for any number of cores."""
-COARSE = 128
-"""Columns of the sinograms on which the axis is looked for from scratch."""
+COARSE_COLUMNS, COARSE_PROJECTIONS = 128, 180
+"""The axis is looked for from scratch on so many, or not quite twice as many."""
 
 
 @method
@@ -56,20 +54,19 @@ class Reprojection:
         def of_block(block: Pixels) -> Floats:
             slices = np.maximum(radon.fbp(block), 0) * inside
             left = highpass(block - radon.project(slices), self.cutoff)
-            return np.mean(np.square(left, dtype=np.float64), axis=-1)
+            return np.asarray(np.mean(np.square(left, dtype=np.float64), axis=-1))
 
-        blocks = np.split(sinograms, range(BLOCK, len(sinograms), BLOCK))
-        return np.concatenate(list(parallel(of_block, blocks)))
+        return in_blocks(of_block, sinograms)
 
     def find_axis(self, sinograms: Pixels, theta: Floats) -> float:
         """Detector column of the axis that leaves least of `sinograms` (r, n, column), px.
 
-        First on a grid over everything within `axis_reach`, on binned columns and at most 180
+        First on a grid over everything within `axis_reach`, on binned columns and a part of the
         projections, then ever finer on all of them.
         """
         columns = sinograms.shape[-1]
-        binning = max(1, columns // COARSE)
-        thinned = slice(None, None, max(1, len(theta) // 180))
+        binning = max(1, columns // COARSE_COLUMNS)
+        thinned = slice(None, None, max(1, len(theta) // COARSE_PROJECTIONS))
         small = binned(sinograms[:, thinned], binning)
         middle, reach = (small.shape[-1] - 1) / 2, self.axis_reach * small.shape[-1]
         grid = middle + np.arange(-np.floor(reach), np.floor(reach) + 1)
@@ -77,17 +74,17 @@ class Reprojection:
         coarse = (grid[int(np.argmin(left))] + 0.5) * binning - 0.5
         return self.best_axis(sinograms, theta, coarse, binning)
 
-    def best_axis(
-        self, sinograms: Pixels, theta: Floats, start: float, step: float = 1.0
-    ) -> float:
+    def best_axis(self, sinograms: Pixels, theta: Floats, start: float, step: float = 1.0) -> float:
         """Detector column near `start` of the axis that leaves least, in steps from `step` px."""
-        return lowest(
-            lambda axis: float(self.squares(sinograms, theta, axis).mean()), start, step
-        )
+        return lowest(lambda axis: float(self.squares(sinograms, theta, axis).mean()), start, step)
 
 
 def lowest(function: Callable[[float], float], start: float, step: float) -> float:
-    """Where `function` is lowest, to some hundredths: walk downhill, then halve the step."""
+    """Where `function` is lowest near `start`, to some hundredths.
+
+    Walk downhill, halve the step where both neighbours are higher, and end with a parabola. On a
+    plain it stays where it is.
+    """
     known: dict[float, float] = {}
 
     def at(place: float) -> float:
@@ -97,17 +94,18 @@ def lowest(function: Callable[[float], float], start: float, step: float) -> flo
 
     best = start
     while step > 0.1:
-        nearest = min((best - step, best, best + step), key=at)
-        if nearest == best:
+        # The first of equals wins: `best` must come first, or a plain would be walked for ever.
+        lower = min((best, best - step, best + step), key=at)
+        if lower == best:
             step /= 2
-        best = nearest
+        best = lower
     below, here, above = at(best - 2 * step), at(best), at(best + 2 * step)
     bend = below - 2 * here + above
     return best + step * (below - above) / bend if bend > 0 else best
 
 
 def binned(sinograms: Pixels, binning: int) -> Pixels:
-    """Average `binning` columns at a time; what is left over on the right is dropped."""
+    """(..., column // binning) means of `binning` columns; what is left over is dropped."""
     columns = sinograms.shape[-1] // binning
     whole = sinograms[..., : columns * binning]
-    return whole.reshape(*sinograms.shape[:-1], columns, binning).mean(axis=-1)
+    return np.asarray(whole.reshape(*whole.shape[:-1], columns, binning).mean(axis=-1))

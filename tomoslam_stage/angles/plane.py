@@ -1,9 +1,10 @@
 """The plane that all features of a triplet span, by total least squares.
 
-The columns ``(x1, x2, x3)`` of a feature in three projections obey ``m x1 - k x2 + x3 = c``: a plane
-whose normal ``(m, -k, 1)`` holds both steps (`geometry.triangle_angles`) and whose offset holds the
-axis. All three columns carry the same noise, so the plane is fitted by total least squares; ordinary
-least squares of x3 on x1, x2 is biased towards smaller k, that is towards larger steps.
+The columns ``(x1, x2, x3)`` of a feature in three projections obey ``m x1 - k x2 + x3 = c``: a
+plane whose normal ``(m, -k, 1)`` holds both steps (`geometry.triangle_angles`) and whose offset
+holds the axis. All three columns carry the same noise, so the plane is fitted by total least
+squares; ordinary least squares of x3 on x1, x2 is biased towards smaller k, that is towards larger
+steps.
 """
 
 from __future__ import annotations
@@ -39,15 +40,44 @@ class Plane:
         return np.asarray(columns @ self.normal - self.offset)
 
     def steps(self) -> tuple[Floats, Floats]:
-        """(2,) radians, both steps without their sign, and their (2, 2) covariance."""
+        """(2,) radians, both steps without their sign, and their (2, 2) covariance: closed form."""
         steps = triangle_angles(self.normal[None])
         jacobian = triangle_jacobian(self.normal[None], steps)[0]
         return steps[0], jacobian @ self.covariance @ jacobian.T
+
+    def steps_near(self, expected: Floats) -> tuple[Floats, Floats]:
+        """(2,) radians, both steps without their sign, and their (2, 2) covariance: linearised.
+
+        The normal is compared with that of the `expected` (2,) steps, in the plane that touches the
+        unit sphere there. Cosines cannot leave their range, so nothing is lost, and nothing is
+        biased, where the noise is as large as the steps; the sum of the steps is measured even
+        where the features, all in one sheet, leave their difference open.
+        """
+        normal, jacobian = normal_of(expected)
+        touching = np.linalg.svd(normal[None])[2][1:]
+        to_steps = np.linalg.inv(touching @ jacobian) @ touching
+        ours = self.normal if self.normal @ normal > 0 else -self.normal
+        steps = expected + to_steps @ (ours - normal)
+        return steps, to_steps @ self.covariance @ to_steps.T
 
     @property
     def alternates(self) -> bool:
         """Whether the signs of the normal are those of two steps less than a half turn."""
         return bool(self.normal[0] > 0 > self.normal[1])
+
+
+def normal_of(steps: Floats) -> tuple[Floats, Floats]:
+    """(3,) the plane's unit normal for two `steps` (2,) in radians, and its (3, 2) derivative.
+
+    Along ``(sin(D2), -sin(D1 + D2), sin(D1))``, which is ``(m, -k, 1)`` times sin(D1).
+    """
+    first, second = steps
+    both = first + second
+    along = np.array([np.sin(second), -np.sin(both), np.sin(first)])
+    derivative = np.array([[0, np.cos(second)], [-np.cos(both), -np.cos(both)], [np.cos(first), 0]])
+    length = np.linalg.norm(along)
+    normal = along / length
+    return normal, (derivative - np.outer(normal, normal @ derivative)) / length
 
 
 def fit_plane(columns: Floats) -> Plane:
@@ -61,7 +91,8 @@ def fit_plane(columns: Floats) -> Plane:
     centred = columns - mean
     values, vectors = np.linalg.eigh(centred.T @ centred / count)
     normal = vectors[:, 0] * (1 if vectors[2, 0] >= 0 else -1)
-    variance = values[0] * count / max(count - 3, 1)
+    # Rounding may leave a tiny negative eigenvalue where the columns have no error.
+    variance = max(values[0], 0.0) * count / max(count - 3, 1)
     gaps = np.maximum(values[1:] - values[0], 1e-12)
     spread = vectors[:, 1:] * (variance * values[1:] / gaps**2 / count)
     return Plane(normal, float(mean @ normal), float(np.sqrt(variance)), spread @ vectors[:, 1:].T)

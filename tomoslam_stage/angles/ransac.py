@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
+from tomoslam_stage.geometry import triangle_angles
 from tomoslam_stage.methods import method
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ class Ransac:
     """Wanted probability p that at least one pair of tracks is reliable."""
     reliable: Annotated[float, Field(gt=0, lt=1)] = 0.4
     """Share q of the tracks that are reliable."""
-    k_tolerance: Annotated[float, Field(gt=0)] = 0.1
+    k_tolerance: Annotated[float, Field(gt=0)] = 0.15
     """Largest difference of k between a pair and a track that agrees with it."""
 
     @property
@@ -82,8 +83,6 @@ def steps_of_pair(one: Floats, other: Floats) -> Floats:
     ``cos(D1) = (m^2 + k^2 - 1) / (2 m k)``, which is the paper's
     ``((1 - k^2) x1^2 - (x3 - k x2)^2) / (2 k x1 (x3 - k x2))`` in other letters.
     """
-    from tomoslam_stage.geometry import triangle_angles
-
     k = k_of_pairs(one, other)
     both = np.stack([one, other], axis=-1)
     x1, x2, x3 = np.moveaxis(both, -2, 0)

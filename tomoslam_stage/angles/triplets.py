@@ -33,10 +33,12 @@ class Triplets:
     """Tracks that must agree."""
     inlier_share: Annotated[float, Field(ge=0, le=1)] = 0.3
     """Share of the triplet's tracks that must agree."""
+    closed_form: bool = False
+    """Whether steps come from the paper's closed form, or linearised about the expected steps."""
     largest_sigma_deg: Annotated[float, Field(gt=0)] = 1.0
-    """A triplet less sure than this is counted as near-degenerate."""
+    """A triplet that tells no combination of its steps better than this is near-degenerate."""
     largest_change_deg: Annotated[float, Field(gt=0)] = 3.0
-    """A step further from the recorded one is not believed."""
+    """Steps further from the expected ones are not believed."""
 
     def measure(self, tracks: Tracks, theta: Floats, axis: float) -> AngleMeasurements:
         """Measure both steps of each triplet that some tracks run through.
@@ -46,7 +48,8 @@ class Triplets:
         tracks
             The sightings.
         theta
-            (n,) radians: the recorded angles, which give the steps their sign and their turn.
+            (n,) radians: the expected angles, recorded or better ones. They give the steps their
+            sign and their turn, and are where the measurement is linearised.
         axis
             Detector column of the rotation axis, px; an error of some px does not matter.
         """
@@ -63,10 +66,15 @@ class Triplets:
         triplet, steps, covariance, seen, agreed = map(np.array, zip(*rows, strict=True))
         return AngleMeasurements(triplet, steps, covariance, seen, agreed, dict(failures))
 
-    def _one(self, columns: Floats, recorded: Floats) -> tuple[Floats, Floats, int, int]:
-        """Steps (2,), their covariance, tracks and inliers of one triplet, or why there are none.
+    def _one(self, columns: Floats, expected: Floats) -> tuple[Floats, Floats, int, int]:
+        """Return steps (2,), their covariance, tracks and inliers of one triplet.
 
         The same columns always draw the same random pairs.
+
+        Raises
+        ------
+        NotMeasured
+            If the tracks do not say enough.
         """
         if len(columns) < self.fewest_inliers:
             raise NotMeasured("too few tracks")
@@ -76,28 +84,34 @@ class Triplets:
         plane, inliers = fit_robustly(columns, inliers)
         if inliers.sum() < max(self.fewest_inliers, self.inlier_share * len(columns)):
             raise NotMeasured("too few tracks agree")
-        steps, covariance = self._steps(plane, np.diff(recorded))
+        steps, covariance = self._steps(plane, np.diff(expected))
         return steps, covariance, len(columns), int(inliers.sum())
 
-    def _steps(self, plane: Plane, recorded: Floats) -> tuple[Floats, Floats]:
-        """Signed and unwrapped steps; their sign and branch are those of the recorded ones."""
-        turned = wrapped(recorded)
+    def _steps(self, plane: Plane, expected: Floats) -> tuple[Floats, Floats]:
+        """Return signed and unwrapped steps (2,), branched like `expected`, and their covariance.
+
+        Raises
+        ------
+        NotMeasured
+            If the plane is that of no triangle, an unsure one, or one far from the expected steps.
+        """
+        turned = wrapped(expected)
         if turned[0] * turned[1] <= 0 or abs(turned.sum()) >= np.pi:
-            raise NotMeasured("recorded steps out of order")
-        size, covariance = plane.steps()
-        if not plane.alternates or not np.all(np.isfinite(size)):
+            raise NotMeasured("steps out of order")
+        size, covariance = plane.steps() if self.closed_form else plane.steps_near(np.abs(turned))
+        if not np.all(np.isfinite(size)) or (self.closed_form and not plane.alternates):
             raise NotMeasured("no such triangle")
-        if np.sqrt(np.diag(covariance).max()) > np.deg2rad(self.largest_sigma_deg):
-            raise NotMeasured("near-degenerate")
+        # What counts is the combination of both steps that the features tell best.
+        variances, axes = np.linalg.eigh(covariance)
         change = size * np.sign(turned) - turned
-        if np.abs(change).max() > np.deg2rad(self.largest_change_deg):
-            raise NotMeasured("far from the recorded step")
-        return recorded + change, covariance
+        if variances[0] > np.deg2rad(self.largest_sigma_deg) ** 2:
+            raise NotMeasured("near-degenerate")
+        if np.abs(axes[:, 0] @ change) > np.deg2rad(self.largest_change_deg):
+            raise NotMeasured("far from the expected steps")
+        return expected + change, covariance
 
 
-def triplets(
-    tracks: Tracks, theta: Floats, step: float
-) -> Iterator[tuple[Integers, Floats]]:
+def triplets(tracks: Tracks, theta: Floats, step: float) -> Iterator[tuple[Integers, Floats]]:
     """Yield the projections (3,) of each triplet and the columns (t, 3) of its tracks.
 
     The projections lie `step` radians apart, as nearly as there are any.

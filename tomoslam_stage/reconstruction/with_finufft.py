@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -10,12 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from tomoslam_stage.methods import method
-from tomoslam_stage.parallel import parallel
+from tomoslam_stage.parallel import in_blocks
 from tomoslam_stage.products import Floats, Pixels
 from tomoslam_stage.radon import Radon, Window
-
-BLOCK = 4
-"""Rows reconstructed together: bounds the memory, and is the same for any number of cores."""
 
 
 @method
@@ -65,9 +61,9 @@ class SirtWeights:
     """Inverse sums over rays and over pixels; zero where a ray or a pixel sees nothing."""
 
     rays: Pixels
-    """(n, column)"""
+    """(n, column) per pixel of path."""
     pixels: Pixels
-    """(z, x); zero outside the disc that all projections see."""
+    """(z, x) per ray; zero outside the disc that all projections see."""
 
 
 def sirt_weights(radon: Radon) -> SirtWeights:
@@ -77,11 +73,6 @@ def sirt_weights(radon: Radon) -> SirtWeights:
     ones = np.ones((1, *rays.shape), np.float32)
     pixels = radon.adjoint(ones)[0]
     return SirtWeights(
-        np.where(rays > 1, 1 / np.maximum(rays, 1), 0), inside / np.maximum(pixels, 1)
+        rays=np.where(rays > 1, 1 / np.maximum(rays, 1), 0),
+        pixels=inside / np.maximum(pixels, 1),
     )
-
-
-def in_blocks(work: Callable[[Pixels], Pixels], sinograms: Pixels, what: str) -> Pixels:
-    """Slices (r, z, x) of `sinograms` (r, n, column), `BLOCK` rows at a time."""
-    blocks = np.split(sinograms, range(BLOCK, len(sinograms), BLOCK))
-    return np.concatenate(list(parallel(work, blocks, what)))

@@ -39,6 +39,8 @@ class Halves:
     """(n,) radians."""
     second: Floats
     """(n,) radians."""
+    measured: float
+    """Triplets that the poorer half measured, in units of those that all tracks measured."""
 
     @property
     def error(self) -> float:
@@ -55,7 +57,7 @@ class Halves:
         return float(np.sqrt(max(change**2 - self.error**2, 0.0)))
 
     def excess(self, sigma: Floats) -> float:
-        """How much larger the error is than `sigma` (n,) says, both from the angle held; not < 1."""
+        """How much the error exceeds `sigma` (n,), at least 1; both count from the angle held."""
         shown = rms(self.first - self.second) / 2
         said = rms(sigma)
         return max(1.0, shown / said) if said > 0 else 1.0
@@ -68,6 +70,9 @@ class Gate:
     half_share: Annotated[float, Field(gt=0, le=1)] = 0.7
     """Largest error of the refined angles, as two halves of the tracks show it, in units of the
     error of the recorded ones."""
+    half_measured: Annotated[float, Field(ge=0, le=1)] = 0.25
+    """Fewest triplets either half must measure, in units of those that all tracks measured: halves
+    that measure nothing agree on the recorded angles."""
     significance: Annotated[float, Field(ge=0)] = 3.0
     """Smallest fall of the reprojection residual on unused rows, in its standard errors."""
 
@@ -78,7 +83,8 @@ class Gate:
             f"{evidence.half_error_deg:.3g} degrees and that of the recorded ones at "
             f"{evidence.recorded_error_deg:.3g}"
         )
-        fall = 1 - (evidence.residual_refined / evidence.residual_recorded) ** 2
+        before, after = evidence.residual_recorded**2, evidence.residual_refined**2
+        fall = 1 - after / before if before > 0 else 0.0
         unused = (
             "on rows that were not used the squared reprojection residual "
             f"{'falls' if fall >= 0 else 'rises'} by {abs(fall):.1%} "
@@ -87,6 +93,12 @@ class Gate:
         against = []
         if evidence.half_error_deg >= self.half_share * evidence.recorded_error_deg:
             against.append(f"{halves}; less than {self.half_share:g} of it is needed")
+        if evidence.half_measured < self.half_measured:
+            against.append(
+                f"half of the tracks measures {evidence.half_measured:.0%} of the triplets that "
+                "all of them measure, so that the halves say little; "
+                f"{self.half_measured:.0%} is needed"
+            )
         if evidence.residual_gain_sigma < self.significance:
             against.append(f"{unused}; a fall by {self.significance:g} or more is needed")
         if against:
@@ -120,6 +132,7 @@ def weigh(recorded: Floats, halves: Halves, squares: Mapping[str, Floats]) -> Ev
     return Evidence(
         half_error_deg=float(np.rad2deg(halves.error)),
         recorded_error_deg=float(np.rad2deg(halves.error_of(recorded))),
+        half_measured=halves.measured,
         residual_recorded=float(np.sqrt(squares["recorded"].mean())),
         residual_refined=float(np.sqrt(squares["refined"].mean())),
         residual_gain_sigma=gain_sigma(squares["recorded"] - squares["refined"], recorded),

@@ -22,17 +22,16 @@ def linear_graph(blocks: Mapping[str, Block], weights: Mapping[str, Floats], the
     import gtsam
 
     graph = gtsam.GaussianFactorGraph()
+    factor: Any = gtsam.JacobianFactor
     for name, block in blocks.items():
         root = np.sqrt(weights[name])[:, None, None] * block.whitening
         # Columns of each whitened Jacobian, (angle, factor, dimension, 1), as gtsam wants them.
         columns = np.moveaxis(root @ block.jacobian, -1, 0)[..., None]
         target = -np.einsum("fij,fj->fi", root, block.residuals(theta))
         unit = gtsam.noiseModel.Unit.Create(target.shape[1])
-        for keys, *parts, right in zip(
-            block.projections.tolist(), *columns, target, strict=True
-        ):
+        for keys, *parts, right in zip(block.projections.tolist(), *columns, target, strict=True):
             interleaved = [part for pair in zip(keys, parts, strict=True) for part in pair]
-            graph.add(gtsam.JacobianFactor(*interleaved, right, unit))
+            graph.add(factor(*interleaved, right, unit))
     return graph
 
 
@@ -48,4 +47,4 @@ def marginal_sigma(graph: Any, count: int) -> Floats:
 
     marginals = gtsam.Marginals(graph, graph.optimize())
     variances = [marginals.marginalCovariance(key)[0, 0] for key in range(count)]
-    return np.sqrt(np.array(variances))
+    return np.asarray(np.sqrt(variances))

@@ -8,21 +8,35 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from tomoslam_stage.methods import checked, method
 from tomoslam_stage.errors import PipelineError, nearest
+from tomoslam_stage.methods import checked, method
 from tomoslam_stage.products import AngleMeasurements, Floats
 from tomoslam_stage.refinement.factors import FACTORS, Factor
 from tomoslam_stage.refinement.gate import Gate
 from tomoslam_stage.refinement.solve import Solution, Solver
 
+INDISPENSABLE = ("prior", "encoder")
+"""Factors that reach every angle, whatever was measured."""
+
 
 def factors_from(spec: Any) -> Any:
-    """Make each factor that a mapping of names to parameters asks for."""
+    """Make each factor that a mapping of names to parameters asks for.
+
+    Raises
+    ------
+    PipelineError
+        For an unknown factor or parameter, and where the graph would have no single solution.
+    """
     if not isinstance(spec, Mapping):
         return spec
     for name in spec:
         if name not in FACTORS:
-            raise PipelineError("refinement.factors", f"no factor {name!r}.", nearest(name, FACTORS))
+            remedy = nearest(str(name), FACTORS)
+            raise PipelineError("refinement.factors", f"no factor {name!r}.", remedy)
+    for name in INDISPENSABLE:
+        if name not in spec:
+            found = f"the factor {name!r} is missing; without it some angle is held by nothing."
+            raise PipelineError("refinement.factors", found, f"Add '{name}: {{}}'.")
     return {
         name: checked(FACTORS[name], given or {}, f"refinement.factors.{name}")
         if given is None or isinstance(given, Mapping)

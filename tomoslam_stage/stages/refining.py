@@ -75,6 +75,10 @@ class RefineTheta:
     """Detector column of the rotation axis, px of the file; looked for where not given."""
     width: Annotated[int, Field(ge=64)] = 640
     """Wider scans are binned until they have at most so many columns."""
+    rounds: Annotated[int, Field(ge=1)] = 4
+    """At most so many rounds of measuring triplets and solving the graph."""
+    settled_deg: Annotated[float, Field(gt=0)] = 0.01
+    """Angles that change less than this in a round have settled, degrees."""
     tracks: Tracking = field(default_factory=Tracking)
     """How features are found and followed."""
     angles: Triplets = field(default_factory=Triplets)
@@ -120,11 +124,36 @@ class RefineTheta:
         with clock("tracks"):
             tracks = self.tracks.track(scan, axis, rows.usable)
         parts = (tracks, *halves(tracks, scan.n_rows))
-        with clock("angles"):
-            measured = [self.angles.measure(part, scan.theta, axis) for part in parts]
-        with clock("graph"):
-            solved = [self.refinement.solve(scan.theta, part) for part in measured]
-        return Found(tracks, measured[0], solved[0], Halves(*(part.theta for part in solved)))
+        said = [self._said(part, scan.theta, axis, clock) for part in parts]
+        measurements, solution = said[0]
+        counted = [measured.n_measured for measured, _ in said]
+        poorer = min(counted[1:]) / max(counted[0], 1)
+        whole, first, second = (solved.theta for _, solved in said)
+        halved = Halves(whole, first, second, measured=poorer)
+        return Found(tracks, measurements, solution, halved)
+
+    def _said(
+        self, tracks: Tracks, recorded: Floats, axis: float, clock: Clock
+    ) -> tuple[AngleMeasurements, Solution]:
+        """Measure and solve in turns: better angles tell better what a triplet should look like.
+
+        Where the turns lead further and further away, the tracks are no good; the first counts.
+        """
+        said: list[tuple[AngleMeasurements, Solution]] = []
+        expected, last = recorded, np.inf
+        for _ in range(self.rounds):
+            with clock("angles"):
+                measurements = self.angles.measure(tracks, expected, axis)
+            with clock("graph"):
+                solution = self.refinement.solve(recorded, measurements)
+            said.append((measurements, solution))
+            change = np.rad2deg(np.abs(solution.theta - expected).max())
+            if change >= last:
+                return said[0]
+            if change < self.settled_deg:
+                break
+            expected, last = solution.theta, change
+        return said[-1]
 
     def _judged(self, scan: Scan, found: Found, unused: Unused) -> Refinement:
         evidence = weigh(scan.theta, found.halves, unused.squares)

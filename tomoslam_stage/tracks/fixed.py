@@ -26,8 +26,8 @@ class FixedToDetector:
     all of them. What lies on the axis itself stands still as well: it says nothing about angles.
     """
 
-    radius: Annotated[float, Field(gt=0)] = 1.0
-    """How far keypoints of one place lie apart, px."""
+    radius: Annotated[int, Field(ge=1)] = 1
+    """How far keypoints of one place lie from its middle, px along rows and along columns."""
     share: Annotated[float, Field(gt=0, le=1)] = 0.2
     """Share of the projections, spread over the whole turn, that makes a place suspect."""
     excess: Annotated[float, Field(ge=1)] = 4.0
@@ -46,23 +46,35 @@ class FixedToDetector:
     def _crowded(
         self, row: Floats, column: Floats, owner: NDArray[np.intp], sector: NDArray[np.intp]
     ) -> NDArray[np.bool_]:
+        """(k,) whether the place of a keypoint is hit too often, and from most sectors.
+
+        Parameters
+        ----------
+        row, column
+            (k,) px, of the keypoints of all projections.
+        owner
+            (k,) projection of each.
+        sector
+            (n,) see `sectors`.
+        """
         from scipy.ndimage import gaussian_filter, median_filter, uniform_filter
 
         shape = (int(row.max()) + 2, int(column.max()) + 2)
         place = (np.rint(row).astype(np.intp), np.rint(column).astype(np.intp))
         hits = np.zeros((sector.max() + 1, *shape), np.float32)
         np.add.at(hits, (sector[owner], *place), 1)
-        near = np.stack([uniform_filter(h, 3, mode="constant") * 9 for h in hits])
+        width = 2 * self.radius + 1
+        near = np.stack([uniform_filter(h, width, mode="constant") * width**2 for h in hits])
         per_sector = np.bincount(sector, minlength=len(hits))
         often = (near / per_sector[:, None, None] > self.share / 2).mean(axis=0)
         total = near.sum(axis=0) / len(sector)
-        around = median_filter(gaussian_filter(total, 1), 15, mode="nearest")
+        around = median_filter(gaussian_filter(total, 1), 5 * width, mode="nearest")
         suspect = (total > self.share) & (often > 0.7)
         return np.asarray((suspect & (total > self.excess * around))[place])
 
 
 def sectors(theta: Floats) -> NDArray[np.intp]:
-    """(n,) the eighth of the turn, or of what was scanned of it, that each projection lies in."""
+    """(n,) the eighth of what was scanned that each projection lies in; with few, one for each."""
     rank = np.empty(len(theta), np.intp)
     rank[np.argsort(theta, kind="stable")] = np.arange(len(theta))
-    return rank * 8 // len(theta)
+    return np.asarray(rank * min(8, len(theta)) // len(theta))

@@ -50,7 +50,7 @@ class Sights:
             one, other = self.keypoints[here], self.keypoints[there]
             return self.matching.pairs(one, other, step, self.axis) + first[link]
 
-        return np.concatenate([np.empty((0, 2), np.intp), *parallel(pairs, links, what)])
+        return np.concatenate([np.empty((0, 2), np.intp), *parallel(pairs, list(links), what)])
 
 
 @runtime_checkable
@@ -70,7 +70,7 @@ class Runs:
     projections for any step. Where a feature is missed it may be found again some places further.
     """
 
-    reach: Annotated[int, Field(ge=1, le=20)] = 3
+    reach: Annotated[int, Field(ge=1, le=20)] = 5
     """Places along the turn at which a feature that was missed is still looked for."""
 
     def runs(self, sights: Sights) -> list[Integers]:

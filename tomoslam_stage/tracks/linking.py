@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tomoslam_stage.geometry import around, partners, wrapped
+from tomoslam_stage.geometry import TURN, around, partners, wrapped
 from tomoslam_stage.products import Tracks
 
 if TYPE_CHECKING:
@@ -62,12 +62,15 @@ def neighbours(theta: Floats, away: int) -> Integers:
     """(p, 2) projections that are `away` places apart when ordered by their angles.
 
     The end of a full turn is followed by its beginning; across a gap in the turn nothing is linked.
+    A gap is three times as long as the long ones among the steps; the short ones, between the same
+    angles in different turns, say nothing about that.
     """
     order = around(theta)
-    here, there = order, np.roll(order, -away)
-    step = np.mod(theta[there] - theta[here], 2 * np.pi)
-    near = step <= 3 * away * max(float(np.median(step)) / away, 1e-6)
-    return np.stack([here, there], axis=1)[near & (here != there)]
+    place = np.mod(theta, TURN)[order]
+    one, step = (np.mod(np.roll(place, -further) - place, TURN) for further in (1, away))
+    near = step <= 3 * away * max(float(np.quantile(one, 0.9, method="lower")), 1e-6)
+    pairs = np.stack([order, np.roll(order, -away)], axis=1)
+    return np.asarray(pairs[near & (pairs[:, 0] != pairs[:, 1])])
 
 
 def a_step_apart(theta: Floats, step: float) -> Integers:

@@ -26,7 +26,7 @@ class Matching:
     """How wrong the recorded step may be: widens the columns where a match is looked for."""
     size_ratio: Annotated[float, Field(gt=1)] = 1.6
     """Largest ratio of the sizes of two matching keypoints."""
-    distance: Annotated[float, Field(gt=0, le=2)] = 0.7
+    distance: Annotated[float, Field(gt=0, le=2)] = 0.85
     """Largest distance between two matching descriptors of unit length."""
 
     def pairs(self, first: Keypoints, second: Keypoints, step: float, axis: float) -> Integers:

@@ -8,7 +8,7 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from tomoslam_stage.products import Floats, Pixels
+from tomoslam_stage.products import Floats, Integers, Pixels
 
 Descriptors: TypeAlias = NDArray[np.float16]
 
@@ -29,10 +29,10 @@ class Keypoints:
     def __len__(self) -> int:
         return len(self.column)
 
-    def chosen(self, mask: NDArray[np.bool_]) -> Keypoints:
-        """Return the keypoints where `mask` (k,) holds."""
+    def chosen(self, which: NDArray[np.bool_] | Integers) -> Keypoints:
+        """Return the keypoints where a mask (k,) holds, or those with the given numbers."""
         return Keypoints(
-            self.column[mask], self.row[mask], self.size[mask], self.descriptor[mask]
+            self.column[which], self.row[which], self.size[which], self.descriptor[which]
         )
 
 

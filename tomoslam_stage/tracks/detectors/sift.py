@@ -41,7 +41,7 @@ class Sift:
 
         # OpenCV divides the threshold by the number of layers in an octave; that is undone here.
         layers = 3
-        sift = cv2.SIFT_create(
+        sift = cv2.SIFT.create(
             nfeatures=self.keypoints,
             nOctaveLayers=layers,
             contrastThreshold=max(layers * self.noise_sigmas * noise, 1e-4),
@@ -56,9 +56,9 @@ class Sift:
             keypoint.angle = 0.0
         if not found:
             return Keypoints(*(np.empty(0),) * 3, np.empty((0, 128), np.float16))
-        found, descriptor = sift.compute(grey, found)
-        column, row = np.array([keypoint.pt for keypoint in found], float).T
-        size = np.array([keypoint.size for keypoint in found], float) / 2
+        described, descriptor = sift.compute(grey, found)
+        column, row = np.array([keypoint.pt for keypoint in described], float).T
+        size = np.array([keypoint.size for keypoint in described], float) / 2
         length = np.linalg.norm(descriptor, axis=1, keepdims=True)
         unit = (descriptor / np.maximum(length, 1e-6)).astype(np.float16)
         return Keypoints(column, row, size, unit)

@@ -19,8 +19,10 @@ GRID = (np.arange(20) - 9.5).astype(np.float64)
 
 @method
 class Surf:
-    """SURF, upright, as in the paper. Its columns scatter by 0.4 to 0.55 px: take `Sift` instead,
-    unless the published method is wanted.
+    """SURF, upright, as in the paper.
+
+    Its columns scatter by 0.4 to 0.55 px: take `Sift` instead, unless the published method is
+    wanted.
     """
 
     keypoints: Annotated[int, Field(ge=10)] = 1000
@@ -63,7 +65,8 @@ def describe(image: Floats, column: Floats, row: Floats, size: Floats) -> Descri
     across, down = (right - left) * weight, (lower - upper) * weight
     sums = np.stack([across, down, np.abs(across), np.abs(down)], axis=-1)
     cells = sums.reshape(-1, 4, 5, 4, 5, 4).sum(axis=(2, 4)).reshape(-1, 64)
-    return (cells / np.maximum(np.linalg.norm(cells, axis=1, keepdims=True), 1e-9)).astype(np.float16)
+    length = np.linalg.norm(cells, axis=1, keepdims=True)
+    return np.asarray(cells / np.maximum(length, 1e-9), np.float16)
 
 
 def box(integral: Floats, centre: tuple[Floats, Floats], half: tuple[Floats, Floats]) -> Floats:

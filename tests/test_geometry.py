@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tomoslam_stage.geometry import (
+    TURN,
+    around,
+    partners,
+    rms,
+    rms_difference,
+    triangle_angles,
+    triangle_jacobian,
+    wrapped,
+)
+
+if TYPE_CHECKING:
+    from tomoslam_stage.products import Floats
+
+STEPS = np.array(
+    [
+        pair
+        for pair in product(np.deg2rad([0.5, 4, 5, 10, 33, 60, 90, 120, 160]), repeat=2)
+        if sum(pair) < np.deg2rad(179)
+    ]
+)
+"""(m, 2) radians: pairs of steps, many of them unequal, together less than a half turn."""
+
+
+def normals(steps: Floats) -> Floats:
+    """(m, 3) planes of features seen three times, ``steps`` (m, 2) apart."""
+    first, second = steps.T
+    m = np.sin(second) / np.sin(first)
+    k = np.sin(first + second) / np.sin(first)
+    return np.stack([m, -k, np.ones_like(m)], axis=-1)
+
+
+def partners_deg(theta_deg: list[float] | Floats, step_deg: float) -> list[int]:
+    return partners(np.deg2rad(theta_deg), np.deg2rad(step_deg)).tolist()
+
+
+def test_wrapped_angles_lie_from_minus_pi_to_pi_and_differ_by_whole_turns() -> None:
+    angles = np.array([0.0, np.pi, -np.pi, 1.5 * np.pi, -1.5 * np.pi, 2.0 + 3 * TURN])
+    wanted = [0, -np.pi, -np.pi, -0.5 * np.pi, 0.5 * np.pi, 2.0]
+    np.testing.assert_allclose(wrapped(angles), wanted, atol=1e-12)
+
+
+def test_around_goes_by_the_angle_within_the_turn_and_keeps_the_order_of_equals() -> None:
+    theta = np.deg2rad([200.0, 10.0, 370.5, -90.0, 200.0])
+    assert around(theta).tolist() == [1, 2, 0, 4, 3]
+    alternating = np.tile([1.0, 0.5], 200)
+    assert around(alternating).tolist() == [*range(1, 400, 2), *range(0, 400, 2)]
+
+
+@pytest.mark.parametrize("step", [1, 4, 90, 179])
+def test_partners_in_a_full_turn_go_on_past_the_last_projection(step: int) -> None:
+    found = partners_deg(np.arange(360.0), step)
+    assert found == [(k + step) % 360 for k in range(360)]
+
+
+def test_partners_in_a_half_turn_end_with_it() -> None:
+    assert partners_deg(np.arange(180.0), 4) == [*range(4, 180), *[-1] * 4]
+
+
+def test_the_nearest_of_unequal_angles_is_the_partner() -> None:
+    assert partners_deg([0, 9, 11.5, 20, 31], 10) == [1, 3, 3, 4, -1]
+
+
+@pytest.mark.parametrize(
+    ("other", "found"), [(12.1, -1), (11.9, 1), (8.1, 1), (7.9, -1), (-10.0, -1)]
+)
+def test_a_partner_may_miss_by_a_fifth_of_the_step(other: float, found: int) -> None:
+    assert partners_deg([0, other], 10)[0] == found
+
+
+def test_partners_do_not_depend_on_the_order_of_the_projections() -> None:
+    order = np.random.default_rng(2).permutation(72)
+    theta = 5.0 * order
+    found = np.array(partners_deg(theta, 10))
+    np.testing.assert_allclose(np.mod(theta[found] - theta, 360), 10)
+
+
+def test_whole_turns_do_not_count_between_partners() -> None:
+    theta = np.linspace(-360, 720, 216, endpoint=False)
+    found = np.array(partners_deg(theta, 20))
+    assert found.min() >= 0
+    np.testing.assert_allclose(np.mod(theta[found] - theta, 360), 20)
+
+
+def test_nobody_is_their_own_partner() -> None:
+    assert partners_deg([0, 40], 360) == [-1, -1]
+    assert partners_deg([30], 4) == [-1]
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.02, -3.0])
+def test_the_triangle_gives_back_the_steps_that_made_it(scale: float) -> None:
+    assert len(STEPS) > 50
+    found = triangle_angles(scale * normals(STEPS))
+    np.testing.assert_allclose(found, STEPS, atol=1e-8)
+
+
+def test_features_seen_three_times_lie_in_the_plane_of_the_triangle() -> None:
+    x, z = np.random.default_rng(5).uniform(-50, 50, (2, 40))
+    theta = 0.3 + np.cumsum(np.insert(STEPS, 0, 0, axis=1), axis=1)
+    columns = x[:, None, None] * np.cos(theta) + z[:, None, None] * np.sin(theta)
+    np.testing.assert_allclose((columns * normals(STEPS)).sum(axis=-1), 0, atol=1e-8)
+
+
+def test_lengths_that_make_no_triangle_give_nan_without_a_warning() -> None:
+    found = triangle_angles(np.array([[1.0, -2.5, 1.0], [0.0, -1.0, 1.0], [3.0, -1.0, 1.0]]))
+    assert np.isnan(found[0]).all()
+    assert np.isnan(found[1]).any()
+    assert np.isnan(found[2]).all()
+
+
+@pytest.mark.parametrize("scale", [1.0, -0.7])
+def test_the_jacobian_is_the_derivative_of_the_angles(scale: float) -> None:
+    normal, step = scale * normals(STEPS), 1e-6
+    numerical = np.stack(
+        [
+            (triangle_angles(normal + move) - triangle_angles(normal - move)) / (2 * step)
+            for move in step * np.eye(3)
+        ],
+        axis=-1,
+    )
+    clear = np.sin(STEPS).min(axis=1) > 0.05  # finite differences need room
+    found = triangle_jacobian(normal, STEPS)
+    assert found.shape == (len(STEPS), 2, 3)
+    assert clear.sum() > 40
+    np.testing.assert_allclose(found[clear], numerical[clear], rtol=1e-5, atol=1e-5)
+
+
+def test_rms_is_the_root_of_the_mean_square_of_what_is_there() -> None:
+    assert rms(np.array([3.0, np.nan, -4.0])) == pytest.approx(np.sqrt(12.5))
+
+
+def test_rms_difference_does_not_count_a_common_turn() -> None:
+    theta = np.array([0.1, 0.5, 0.9, 2.0])
+    assert rms_difference(theta + 0.7, theta) == pytest.approx(0, abs=1e-12)
+    changed = theta + np.array([1.0, 2.0, 3.0, np.nan])
+    assert rms_difference(changed, theta) == pytest.approx(np.sqrt(2 / 3))

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tomoslam_stage.images import bandpass, highpass, noise_sigma, robust_sigma
+
+if TYPE_CHECKING:
+    from tomoslam_stage.products import Pixels
+
+MIDDLE = slice(150, 250)
+"""Columns far enough from the ends of 400."""
+
+
+def wave(period: float) -> Pixels:
+    """(400,) a cosine along the columns."""
+    return np.cos(2 * np.pi * np.arange(400) / period).astype(np.float32)
+
+
+def passed(period: float, sigma: float) -> float:
+    """Share of a wave that a Gaussian of `sigma` px lets through."""
+    return float(np.exp(-2 * (np.pi * sigma / period) ** 2))
+
+
+@pytest.mark.parametrize("period", [6.0, 25.0, 50.0, 100.0])
+def test_highpass_keeps_of_a_wave_what_a_gaussian_takes_away(period: float) -> None:
+    left = highpass(wave(period)[None, None], 8.0)
+    assert left.dtype == np.float32
+    wanted = (1 - passed(period, 8.0)) * wave(period)[MIDDLE]
+    np.testing.assert_allclose(left[0, 0, MIDDLE], wanted, atol=2e-3)
+
+
+def test_highpass_looks_along_the_columns_alone() -> None:
+    levels = np.random.default_rng(0).normal(size=(3, 7, 1)).astype(np.float32)
+    flat = np.broadcast_to(levels, (3, 7, 40))
+    np.testing.assert_allclose(highpass(flat, 8.0), 0, atol=1e-5)
+
+
+@pytest.mark.parametrize("fine", [0.0, 1.2, 3.0])
+@pytest.mark.parametrize("along", ["rows", "columns"])
+def test_bandpass_keeps_of_a_wave_what_lies_between_two_gaussians(fine: float, along: str) -> None:
+    stripes = np.broadcast_to(wave(20.0), (100, 400))
+    projection = stripes if along == "columns" else stripes.T
+    kept = bandpass(projection, fine, 10.0)
+    assert kept.dtype == np.float32
+    cut = kept[50, MIDDLE] if along == "columns" else kept[MIDDLE, 50]
+    share = passed(20.0, fine) - passed(20.0, 10.0)
+    np.testing.assert_allclose(cut, share * wave(20.0)[MIDDLE], atol=2e-3)
+
+
+def test_noise_is_measured_where_ramps_and_edges_are() -> None:
+    noise = np.random.default_rng(3).normal(0, 0.3, (200, 200))
+    row, column = np.indices(noise.shape)
+    ramps_and_edges = 0.5 * row - 0.2 * column + 0.01 * row * column + 20 * (column > 77)
+    assert noise_sigma(noise.astype(np.float32)) == pytest.approx(0.3, rel=0.03)
+    found = noise_sigma((noise + ramps_and_edges).astype(np.float32))
+    assert found == pytest.approx(0.3, rel=0.04)
+
+
+@pytest.mark.parametrize("shape", [(1, 50), (2, 50), (50, 2)])
+def test_an_image_too_thin_for_second_differences_has_no_measurable_noise(
+    shape: tuple[int, int],
+) -> None:
+    noise = np.random.default_rng(3).normal(0, 0.3, shape).astype(np.float32)
+    assert noise_sigma(noise) == 0
+    assert noise_sigma(np.resize(noise, (3, 3))) > 0
+
+
+def test_robust_sigma_is_that_of_normal_noise_and_outliers_hardly_move_it() -> None:
+    values = np.random.default_rng(4).normal(7, 2, 20_000).astype(np.float32)
+    assert robust_sigma(values) == pytest.approx(2, rel=0.03)
+    values[:1000] = 1e6
+    assert robust_sigma(values) == pytest.approx(2, rel=0.1)

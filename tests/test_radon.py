@@ -1,0 +1,251 @@
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tomoslam_stage import radon
+from tomoslam_stage.radon import Radon, angular_weights, ramp, tapered
+
+if TYPE_CHECKING:
+    from conftest import Blobs
+
+    from tomoslam_stage.products import Floats, Pixels
+
+GEOMETRIES = pytest.mark.parametrize(
+    ("size", "columns", "axis"),
+    [(64, 64, 31.5), (65, 65, 32.0), (64, 81, 43.3), (63, 48, 20.8), (64, 64, 4.25)],
+    ids=["even", "odd", "wide, axis off", "narrow, axis off", "axis at the edge"],
+)
+"""In the last two the object is not seen whole."""
+
+
+@pytest.fixture
+def irregular() -> Floats:
+    """(41,) radians: neither sorted nor equal, over more than a turn."""
+    return np.random.default_rng(3).uniform(-1, 7, 41)
+
+
+def half_turn(n: int) -> Floats:
+    return np.arange(n) * np.pi / n
+
+
+def disc_sinogram(radius: float, n: int, columns: int) -> Pixels:
+    """(1, n, column) of a disc of value one about the middle."""
+    u = np.arange(columns) - (columns - 1) / 2
+    chord = 2 * np.sqrt(np.maximum(radius**2 - u**2, 0))
+    return np.broadcast_to(chord, (1, n, columns)).astype(np.float32)
+
+
+def ring_means(image: Pixels, edges: list[float]) -> Floats:
+    along = np.arange(len(image)) - (len(image) - 1) / 2
+    distance = np.hypot(along[:, None], along)
+    rings = pairwise(edges)
+    return np.array([image[(distance >= a) & (distance < b)].mean() for a, b in rings])
+
+
+def relative(found: Pixels, wanted: Pixels) -> float:
+    return float(np.abs(found - wanted).max() / np.abs(wanted).max())
+
+
+@GEOMETRIES
+def test_projections_of_blobs_are_those_of_the_closed_form(
+    blobs: Blobs, irregular: Floats, size: int, columns: int, axis: float
+) -> None:
+    found = Radon(irregular, axis, columns, size).project(blobs.slices(size))
+    assert found.shape == (3, 41, columns)
+    assert found.dtype == np.float32
+    assert relative(found, blobs.sinograms(irregular, axis, columns)) < 2e-5
+
+
+@GEOMETRIES
+def test_the_derivative_is_that_of_the_closed_form(
+    blobs: Blobs, irregular: Floats, size: int, columns: int, axis: float
+) -> None:
+    found = Radon(irregular, axis, columns, size).derivative(blobs.slices(size))
+    assert found.dtype == np.float32
+    assert relative(found, blobs.derivative(irregular, axis, columns)) < 2e-4
+
+
+@GEOMETRIES
+def test_the_adjoint_is_the_transpose_of_the_projector(
+    irregular: Floats, size: int, columns: int, axis: float
+) -> None:
+    rng = np.random.default_rng(8)
+    geometry = Radon(irregular, axis, columns, size)
+    slices = rng.normal(size=(2, size, size)).astype(np.float32)
+    sinograms = rng.normal(size=(2, 41, columns)).astype(np.float32)
+    forward, backward = geometry.project(slices), geometry.adjoint(sinograms)
+    assert backward.shape == slices.shape
+    difference = np.vdot(forward, sinograms) - np.vdot(slices, backward)
+    assert abs(difference) < 1e-5 * np.linalg.norm(forward) * np.linalg.norm(sinograms)
+
+
+def test_the_adjoint_spreads_a_lone_ray_along_its_own_line() -> None:
+    sinogram = np.zeros((1, 1, 33), np.float32)
+    sinogram[0, 0, 21] = 1
+    upright = Radon(np.array([0.0]), 16.0, 33, 33).adjoint(sinogram)[0]
+    flat = Radon(np.array([np.pi / 2]), 16.0, 33, 33).adjoint(sinogram)[0]
+    lone = np.zeros((33, 33))
+    lone[:, 21] = 1
+    np.testing.assert_allclose(upright, lone, atol=1e-4)
+    np.testing.assert_allclose(flat, lone.T, atol=1e-4)
+
+
+@pytest.mark.parametrize("axis", [31.5, 35.2])
+@pytest.mark.parametrize("turns", [0.5, 1.0, 1.5])
+def test_fbp_without_a_window_gives_blobs_back(blobs: Blobs, turns: float, axis: float) -> None:
+    theta = half_turn(round(180 * turns)) * 2 * turns
+    sinograms = blobs.sinograms(theta, axis, 64)
+    found = Radon(theta, axis, 64, 64).fbp(sinograms, "ram-lak")
+    assert found.shape == (3, 64, 64)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, blobs.slices(64), atol=2e-4)
+
+
+@pytest.mark.parametrize("size", [48, 49])
+def test_a_slice_may_be_larger_or_smaller_than_the_detector(blobs: Blobs, size: int) -> None:
+    theta = half_turn(120)
+    for columns in (56, 80):
+        axis = (columns - 1) / 2 + 0.3
+        geometry = Radon(theta, axis, columns, size)
+        found = geometry.fbp(blobs.sinograms(theta, axis, columns), "ram-lak")
+        np.testing.assert_allclose(found, blobs.slices(size), atol=0.01)
+
+
+def test_z_is_the_first_index_of_a_slice_and_grows_with_the_column_at_a_quarter_turn(
+    blobs: Blobs,
+) -> None:
+    theta = half_turn(90)
+    found = Radon(theta, 31.0, 63, 63).fbp(blobs.sinograms(theta, 31.0, 63))
+    assert np.unravel_index(found[0].argmax(), (63, 63)) == (31 - 4, 31 + 10)
+    assert np.unravel_index(found[1].argmax(), (63, 63)) == (31 + 9, 31 - 7)
+    assert np.unravel_index(found[2].argmax(), (63, 63)) == (31 + 12, 31 + 13)
+
+
+def test_stronger_windows_blur_more_and_hann_is_the_default(blobs: Blobs) -> None:
+    theta = half_turn(120)
+    geometry, sinograms = Radon(theta, 31.0, 63, 63), blobs.sinograms(theta, 31.0, 63)
+    sharp, fair, soft = (
+        geometry.fbp(sinograms, window)[2].max() for window in ("ram-lak", "shepp-logan", "hann")
+    )
+    assert sharp == pytest.approx(1.2, rel=1e-3)
+    assert sharp > 1.01 * fair > 1.02 * soft
+    np.testing.assert_array_equal(geometry.fbp(sinograms), geometry.fbp(sinograms, "hann"))
+
+
+@pytest.mark.parametrize("window", ["ram-lak", "shepp-logan", "hann"])
+def test_a_flat_disc_has_its_value_everywhere_inside_and_none_outside(
+    window: radon.Window,
+) -> None:
+    sinogram = disc_sinogram(30, 180, 96)
+    found = Radon(half_turn(180), 47.5, 96, 96).fbp(sinogram, window)[0]
+    np.testing.assert_allclose(ring_means(found, [0, 7, 14, 21, 28]), 1, atol=0.004)
+    np.testing.assert_allclose(ring_means(found, [33, 38, 43, 47]), 0, atol=0.004)
+
+
+def test_a_disc_that_reaches_beyond_the_detector_keeps_its_value_inside() -> None:
+    sinogram = disc_sinogram(80, 180, 96)
+    found = Radon(half_turn(180), 47.5, 96, 96).fbp(sinogram)[0]
+    np.testing.assert_allclose(ring_means(found, [0, 10, 20, 30, 40, 46]), 1, atol=0.05)
+
+
+def test_weights_for_unequal_steps_make_jittered_angles_reconstruct_better(
+    dots: Blobs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    theta = half_turn(120) + np.random.default_rng(1).uniform(-0.012, 0.012, 120)
+    geometry, truth = Radon(theta, 47.5, 96, 96), dots.slices(96)
+    sinograms = dots.sinograms(theta, 47.5, 96)
+    weighted = np.linalg.norm(geometry.fbp(sinograms, "ram-lak") - truth)
+    monkeypatch.setattr(radon, "angular_weights", lambda theta: np.full(len(theta), np.pi / 120))
+    equal = np.linalg.norm(geometry.fbp(sinograms, "ram-lak") - truth)
+    assert weighted < 0.8 * equal
+
+
+def test_slices_do_not_depend_on_what_is_reconstructed_with_them(blobs: Blobs) -> None:
+    theta = half_turn(60)
+    geometry, sinograms = Radon(theta, 31.5, 64, 64), blobs.sinograms(theta, 31.5, 64)
+    together = geometry.fbp(sinograms)
+    alone = np.concatenate([geometry.fbp(row[None]) for row in sinograms])
+    np.testing.assert_allclose(together, alone, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [8, 9, 64])
+def test_the_disc_is_what_a_centred_detector_sees_at_every_angle(size: int) -> None:
+    inside = Radon(np.zeros(1), (size - 1) / 2, size, size).disc()
+    z, x = np.nonzero(inside) - np.array((size - 1) / 2)
+    for angle in np.linspace(0, np.pi, 50):
+        assert np.abs(x * np.cos(angle) + z * np.sin(angle)).max() <= (size - 1) / 2
+    np.testing.assert_array_equal(inside, inside[::-1, ::-1].T)
+    middle = inside[size // 2]
+    assert middle.sum() >= size - 3
+    assert not middle[0]
+    assert not middle[-1]
+
+
+@pytest.mark.parametrize(
+    ("degrees", "weights"),
+    [
+        ([0, 10, 30, 90], [50, 15, 40, 75]),
+        ([30, 0, 90, 10], [40, 50, 75, 15]),
+        ([-170, 210, -90, 0], [15, 40, 75, 50]),
+        ([25], [180]),
+        ([0, 90, 90, 90], [90, 45, 0, 45]),
+        ([0, 180], [90, 90]),
+    ],
+    ids=["sorted", "unsorted", "outside the half turn", "one", "repeated", "ends of a half turn"],
+)
+def test_a_projection_weighs_half_the_gap_to_either_neighbour(
+    degrees: list[float], weights: list[float]
+) -> None:
+    found = np.rad2deg(angular_weights(np.deg2rad(degrees)))
+    np.testing.assert_allclose(found, weights, atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [90, 91])
+@pytest.mark.parametrize("turns", [0.5, 1, 2])
+def test_equal_steps_weigh_the_same_however_often_the_scan_goes_round(n: int, turns: float) -> None:
+    weights = angular_weights(np.arange(n) * turns * 2 * np.pi / n)
+    np.testing.assert_allclose(weights, np.pi / n, rtol=1e-9)
+
+
+def test_weights_of_any_angles_add_up_to_the_half_turn(irregular: Floats) -> None:
+    weights = angular_weights(irregular)
+    assert weights.min() > 0
+    assert weights.sum() == pytest.approx(np.pi)
+
+
+def test_the_ramp_is_the_spectrum_of_the_sampled_kernel_of_ram_and_lak() -> None:
+    kernel = np.fft.irfft(ramp(32, "ram-lak"))
+    wanted = [0.25, -1 / np.pi**2, 0, -1 / (3 * np.pi) ** 2, 0, -1 / (5 * np.pi) ** 2]
+    np.testing.assert_allclose(kernel[:6], wanted, atol=1e-12)
+    np.testing.assert_allclose(kernel[1:], kernel[:0:-1], atol=1e-12)
+    np.testing.assert_allclose(ramp(4096, "ram-lak"), np.fft.rfftfreq(4096), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("window", "at_half", "at_end"),
+    [("shepp-logan", np.sqrt(8) / np.pi, 2 / np.pi), ("hann", 0.5, 0.0)],
+)
+def test_windows_leave_low_frequencies_and_damp_high_ones(
+    window: radon.Window, at_half: float, at_end: float
+) -> None:
+    share = ramp(64, window) / ramp(64, "ram-lak")
+    np.testing.assert_allclose(share[[0, 16, 32]], [1, at_half, at_end], atol=1e-12)
+
+
+def test_padding_falls_from_the_end_values_to_zero_on_either_side() -> None:
+    sinograms = np.array([[[4.0, 1.0, 2.0], [8.0, 0.0, 6.0]]], np.float32)
+    padded = tapered(sinograms, before=4, length=11)
+    down = 0.5 + 0.5 * np.cos(np.pi * np.array([1, 2, 3, 4]) / 4)
+    for row, (left, right) in enumerate([(4, 2), (8, 6)]):
+        np.testing.assert_allclose(padded[0, row, :4], left * down[::-1], atol=1e-6)
+        np.testing.assert_allclose(padded[0, row, 7:], right * down, atol=1e-6)
+    np.testing.assert_array_equal(padded[..., 4:7], sinograms)
+
+
+def test_padding_by_nothing_changes_nothing() -> None:
+    sinograms = np.array([[[4.0, 1.0, 2.0]]], np.float32)
+    np.testing.assert_array_equal(tapered(sinograms, before=0, length=3), sinograms)
