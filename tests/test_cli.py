@@ -66,12 +66,24 @@ class StandInRefine:
 
 
 @method
-class StandInReport:
-    """Stands in for reconstruct and compare."""
+class StandInReconstruct:
+    """Stands in for reconstruct."""
 
     needs: ClassVar = ("refinement",)
+    makes: ClassVar = ("reconstructions",)
 
     rows: list[int] | None = None
+
+    def run(self, work: StandInWork) -> dict[str, Any]:  # noqa: ARG002
+        return {}
+
+
+@method
+class StandInCompare:
+    """Stands in for compare."""
+
+    needs: ClassVar = ("reconstructions",)
+
     save_tiff: bool = False
 
     def run(self, work: StandInWork) -> dict[str, Any]:
@@ -94,7 +106,7 @@ class StandInWrite:
 
 PIPELINE = "".join(
     f"- method: {name}\n  module_path: tomoslam_stage.stages\n"
-    for name in ("load_scan", "refine_theta", "reconstruct", "write_theta")
+    for name in ("load_scan", "refine_theta", "reconstruct", "compare", "write_theta")
 )
 
 
@@ -106,7 +118,8 @@ def stages(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type[StandInRefin
     stand_in.STAGES = {
         "load_scan": StandInLoad,
         "refine_theta": StandInRefine,
-        "reconstruct": StandInReport,
+        "reconstruct": StandInReconstruct,
+        "compare": StandInCompare,
         "write_theta": StandInWrite,
     }
     comparison: Any = ModuleType("tomoslam_stage.comparison")
@@ -214,7 +227,8 @@ def test_short_options_set_parameters_and_set_has_the_last_word() -> None:
     parameters = [e["parameters"] for e in StandInLoad.works[0].pipeline]
     assert parameters[0] == {"binning": 4, "parallel": True}
     assert parameters[1] == {"axis": 31.5}
-    assert parameters[2] == {"rows": [1, 3, 5], "save_tiff": True}
+    assert parameters[2] == {"rows": [1, 3, 5]}
+    assert parameters[3] == {"save_tiff": True}
 
 
 @pytest.mark.usefixtures("stages")

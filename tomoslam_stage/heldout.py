@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from tomoslam_stage.products import Floats, Integers, Scan
 
-BANDS = 3
-"""Bands of rows held out."""
+BANDS = (2, 5)
+"""Fewest and most bands of rows held out."""
 PROJECTIONS = 9
 """Projections looked at to see where there is something."""
 CUTOFF = 8.0
@@ -35,16 +35,17 @@ class Rows:
 def hold_out(scan: Scan) -> Rows:
     """Hold out narrow bands of rows, spread over where the scan shows something.
 
-    A band has three rows from 240 rows on, and one below 160; up to three rows on either side are
-    used by nobody, none below 40. So at most a tenth of 30 rows or more judge, and less than a
-    quarter is lost to the tracks. Of a few rows a larger part judges; a single row does nothing
+    There is a band for each 16 rows, from two to five. A band has three rows from 240 rows on, and
+    one below 160; up to three rows on either side are used by nobody, none below 40. So at most a
+    tenth of 20 rows or more judge. Of a few rows a larger part judges; a single row does nothing
     else.
     """
     there = np.flatnonzero(textured(scan))
+    bands = int(np.clip(scan.n_rows // 16, *BANDS))
     width = min(3, max(1, scan.n_rows // 80))
     guard = min(3, scan.n_rows // 40)
     # "lower" gives a row that is there; a mean of two might lie between two separate places.
-    middles = np.quantile(there, (np.arange(BANDS) + 0.5) / BANDS, method="lower")
+    middles = np.quantile(there, (np.arange(bands) + 0.5) / bands, method="lower")
     starts = middles.astype(np.intp) - width // 2
     heldout = np.unique(starts[:, None] + np.arange(width))
     distance = np.abs(np.arange(scan.n_rows)[:, None] - heldout).min(axis=1)

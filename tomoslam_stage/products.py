@@ -191,7 +191,7 @@ class Evidence:
     residual_refined: float
     """The same with the refined angles."""
     residual_gain_sigma: float
-    """Fall of the squared residual, in standard errors over rows and parts of the turn."""
+    """How consistently the residual falls over rows and parts of the turn, in standard errors."""
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,12 @@ from time import perf_counter
 import numpy as np
 
 from tomoslam_stage.cli import main
-from tomoslam_stage.geometry import rms, rms_difference
-from tomoslam_stage.methods import checked
+from tomoslam_stage.comparison.metrics import errors_against
+from tomoslam_stage.geometry import rms
 from tomoslam_stage.pipeline import check, load_pipeline
 from tomoslam_stage.scans import open_scan, read_truth
 from tomoslam_stage.stages import STAGES
+from tomoslam_stage.stages.refining import RefineTheta
 from tomoslam_stage.stages.work import Clock
 
 SEEDS = (1011, 1012, 1013, 1014, 1015)
@@ -44,22 +45,28 @@ class Result:
 
 
 def simulated(folder: Path, phantom: str, seed: int) -> Path:
+    """Make the scan of one seed; the axis lies some px beside the middle."""
     path = folder / f"{phantom}_{seed}.h5"
-    options = f"--phantom {phantom} --seed {seed} --error walk:0.05 --set axis_offset={seed % 7 - 3}"
-    main(["simulate", str(path), *options.split(), "--set", f"phantom.seed={seed}"])
+    options = f"--phantom {phantom} --seed {seed} --error walk:0.05"
+    options += f" --set axis_offset={seed % 7 - 3} --set phantom.seed={seed}"
+    main(["simulate", str(path), *options.split()])
     return path
 
 
 def measured(path: Path, pipeline: str) -> Result:
+    """Refine one scan, and score what was found."""
     stages = check(load_pipeline(pipeline), STAGES)
-    refine = next(stage for stage in stages if type(stage) is STAGES["refine_theta"])
+    refine = next(stage for stage in stages if isinstance(stage, RefineTheta))
     scan, truth = open_scan(path), read_truth(path)
+    assert truth is not None
     begin = perf_counter()
     found = refine.refine(scan, Clock({}))
-    first = [theta - theta[0] - (truth.theta - truth.theta[0]) for theta in (found.recorded, found.refined)]
+    errors = errors_against(truth, found)
     return Result(
-        *(float(np.rad2deg(rms(error))) for error in first),
-        *(float(np.rad2deg(rms_difference(theta, truth.theta))) for theta in (found.recorded, found.refined)),
+        recorded=errors["recorded_rms_first_fixed_deg"],
+        refined=errors["refined_rms_first_fixed_deg"],
+        recorded_free=errors["recorded_rms_deg"],
+        refined_free=errors["refined_rms_deg"],
         sigma=float(np.rad2deg(np.median(found.sigma))),
         status=found.status,
         seconds=perf_counter() - begin,
@@ -67,8 +74,12 @@ def measured(path: Path, pipeline: str) -> Result:
 
 
 def table(pipeline: str, phantom: str) -> None:
+    """Print a line for each seed, then what all of them come to."""
     print(f"\n{phantom}, pipeline {pipeline}: degrees")
-    print("seed   first angle fixed: recorded refined ratio   mean removed: recorded refined   sigma  stands     s")
+    print(
+        "seed   first angle fixed: recorded refined ratio"
+        "   mean removed: recorded refined   sigma  stands     s"
+    )
     results = []
     with tempfile.TemporaryDirectory() as folder:
         for seed in SEEDS:
@@ -76,13 +87,18 @@ def table(pipeline: str, phantom: str) -> None:
             results.append(r)
             print(
                 f"{seed}   {r.recorded:26.3f} {r.refined:7.3f} {r.recorded / r.refined:5.2f}"
-                f"   {r.recorded_free:22.3f} {r.refined_free:7.3f}   {r.sigma:.3f}  {r.status:8s} {r.seconds:4.0f}",
+                f"   {r.recorded_free:22.3f} {r.refined_free:7.3f}"
+                f"   {r.sigma:.3f}  {r.status:8s} {r.seconds:4.0f}",
                 flush=True,
             )
-    recorded, refined = (rms(np.array([getattr(r, k) for r in results])) for k in ("recorded", "refined"))
+    recorded = rms(np.array([r.recorded for r in results]))
+    refined = rms(np.array([r.refined for r in results]))
     accepted = sum(r.status == "accepted" for r in results)
     worse = sum(r.status == "accepted" and r.refined_free > r.recorded_free for r in results)
-    print(f"pooled ratio {recorded / refined:.2f}; {accepted} of {len(results)} accepted, {worse} of them worse than recorded")
+    print(
+        f"pooled ratio {recorded / refined:.2f}; {accepted} of {len(results)} accepted, "
+        f"{worse} of them worse than recorded"
+    )
 
 
 if __name__ == "__main__":

@@ -12,14 +12,14 @@ from time import perf_counter
 
 import numpy as np
 
-from tomoslam_stage.products import AngleMeasurements
+from tomoslam_stage.products import AngleMeasurements, Floats
 from tomoslam_stage.refinement.factors import FACTORS
 from tomoslam_stage.refinement.graph import linear_graph, solve_once
 
 RUNS = 11
 
 
-def measurements(theta: np.ndarray, steps: tuple[int, ...], sigma: float) -> AngleMeasurements:
+def measurements(theta: Floats, steps: tuple[int, ...], sigma: float) -> AngleMeasurements:
     """Make noisy triplets of every projection, around the full turn."""
     here = np.arange(len(theta))
     projections = np.concatenate(
@@ -56,4 +56,5 @@ if __name__ == "__main__":
         for chosen in ((10.0,), (4.0, 5.0, 10.0)):
             build, solve = timed(angles, chosen)
             told = ", ".join(f"{step:g}" for step in chosen)
-            print(f"{angles:6d}  {told:15s} {1e3 * build:11.1f} {1e3 * solve:11.1f} {1e3 * (build + solve):14.1f}")
+            times = f"{1e3 * build:11.1f} {1e3 * solve:11.1f} {1e3 * (build + solve):14.1f}"
+            print(f"{angles:6d}  {told:15s} {times}")

@@ -67,8 +67,15 @@ def refinement(truth: Truth) -> Refinement:
         np.full(PROJECTIONS, np.radians(0.02)),
         "accepted",
         "two halves agree to 0.01 deg; the recorded angles are off by 0.2 deg",
-        39.25,
-        Evidence(0.01, 0.2, 0.05, 0.04, 7.5),
+        {"recorded": 38.5, "refined": 39.25},
+        Evidence(
+            half_error_deg=0.01,
+            recorded_error_deg=0.2,
+            half_measured=0.8,
+            residual_recorded=0.05,
+            residual_refined=0.04,
+            residual_gain_sigma=7.5,
+        ),
         counts={"features": 321, "sightings": 4321},
         heldout_rows=np.array([3, 8]),
     )
@@ -126,7 +133,8 @@ def tiny() -> Callable[[int], Findings]:
     def made(projections: int) -> Findings:
         theta = np.arange(projections, dtype=float)
         unknown = np.full(projections, np.nan)
-        refinement = Refinement(theta, theta, unknown, "kept", "no keypoints", float("nan"))
+        axes = dict.fromkeys(("recorded", "refined"), float("nan"))
+        refinement = Refinement(theta, theta, unknown, "kept", "no keypoints", axes)
         source: Any = type("Source", (), {"shape": (projections, 1, 3)})()
         made = Reconstruction(theta, 1.0, np.array([0]), np.zeros((1, 3, 3), np.float32), "none")
         both = {"recorded": made, "refined": made}

@@ -53,6 +53,7 @@ def test_the_report_of_accepted_angles(findings: Findings, run: Run) -> None:
     assert made["comparison"]["heldout_rows"] == [3, 8]
     assert made["comparison"]["errors"] == {}
     assert made["evidence"]["residual_gain_sigma"] == 7.5
+    assert made["evidence"]["half_measured"] == 0.8
     assert made["seconds"] == {"load_scan": 1.25, "refine_theta": 30.5}
     assert made["versions"]["numpy"] == np.__version__
     assert made["pipeline"][0]["parameters"] == {"steps_deg": [4, 5, 10]}
@@ -83,6 +84,13 @@ def test_the_axis_is_told_in_pixels_of_the_file(findings: Findings, run: Run) ->
     binned = replace(findings, scan=replace(findings.scan, binning=4))
     # The centre of binned pixel 0 is the middle of the file's pixels 0 to 3.
     assert report(binned, run)["axis_px"] == 39.25 * 4 + 1.5
+
+
+def test_the_axis_is_that_of_the_angles_that_stand(
+    findings: Findings, kept_findings: Findings, run: Run
+) -> None:
+    assert report(findings, run)["axis_px"] == findings.refinement.axes["refined"]
+    assert report(kept_findings, run)["axis_px"] == findings.refinement.axes["recorded"] == 38.5
 
 
 def test_what_is_not_known_is_null(

@@ -25,11 +25,12 @@ class NotMeasured(Exception):  # noqa: N818 (a counted value, never an error a u
 class Triplets:
     """The paper's estimator: RANSAC over pairs of tracks, then total least squares over inliers."""
 
-    steps_deg: tuple[Annotated[float, Field(gt=0, lt=90)], ...] = (4.0, 5.0, 10.0)
-    """Steps inside the triplets, degrees; triplets of all projections overlap."""
+    steps_deg: tuple[Annotated[float, Field(gt=0, lt=90)], ...] = (4.0, 5.0, 10.0, 20.0)
+    """Steps inside the triplets, degrees; triplets of all projections overlap. The paper's 4, 5 and
+    10, and 20 where tracks last that long: it sees the curvature of a path four times as well."""
     ransac: Ransac = field(default_factory=Ransac)
     """How tracks that agree are found."""
-    fewest_inliers: Annotated[int, Field(ge=4)] = 8
+    fewest_inliers: Annotated[int, Field(ge=4)] = 6
     """Tracks that must agree."""
     inlier_share: Annotated[float, Field(ge=0, le=1)] = 0.3
     """Share of the triplet's tracks that must agree."""

@@ -93,11 +93,6 @@ def signed(value: float) -> str:
     return f"{value:+.1f}".replace("-", "−")
 
 
-def file_axis(axis: float, binning: int) -> float:
-    """Turn a column of the binned scan into one of the file, px; centres are whole numbers."""
-    return axis * binning + (binning - 1) / 2
-
-
 def row_label(row: int, binning: int) -> str:
     """Name a row of the scan by the row or rows of the file it was made of."""
     if binning == 1:

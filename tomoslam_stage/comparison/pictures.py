@@ -25,6 +25,7 @@ from tomoslam_stage.comparison.regions import (
     Window,
     disc,
     grey_limits,
+    material,
     most_changed_window,
     rms,
 )
@@ -141,7 +142,7 @@ def slice_pair(findings: Findings, index: int) -> SlicePair:
     both = np.stack([images["recorded"], images["refined"]])
     inside = disc(both.shape[1:])
     label = row_label(int(made["recorded"].rows[index]), findings.scan.binning)
-    window = most_changed_window(both[1] - both[0], inside)
+    window = most_changed_window((both[1] - both[0]) * material(both[0], inside), inside)
     return SlicePair(label, images, inside, window, grey_limits(both, inside))
 
 

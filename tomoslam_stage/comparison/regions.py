@@ -59,6 +59,15 @@ def most_changed_window(difference: Pixels | Floats, inside: Mask) -> Window:
     return Window(int(top), int(left), side)
 
 
+def material(image: Pixels | Floats, inside: Mask) -> Floats:
+    """(z, x) from 0 in air to 1 in what attenuates most: streaks in air interest nobody."""
+    from scipy.ndimage import gaussian_filter
+
+    smooth = gaussian_filter(np.where(inside & (image > 0), image, 0).astype(np.float64), 2)
+    full = np.quantile(smooth[inside], 0.99)
+    return np.asarray(np.clip(smooth / full, 0, 1) if full > 0 else np.ones_like(smooth))
+
+
 def grey_limits(images: Pixels | Floats, inside: Mask) -> tuple[float, float]:
     """Range of grey values of all `images` (..., z, x) together, without the few extremes."""
     values = images[..., inside]

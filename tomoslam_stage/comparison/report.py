@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tomoslam_stage.comparison.findings import Findings, Run, file_axis, residual_change
+from tomoslam_stage.comparison.findings import Findings, Run, residual_change
 from tomoslam_stage.comparison.pictures import draw_comparison, draw_theta
 from tomoslam_stage.comparison.regions import rms
 from tomoslam_stage.comparison.writing import made_folder, write_atomically
@@ -82,7 +82,8 @@ def report(findings: Findings, run: Run) -> dict[str, Any]:
     ``median_sigma_deg``
         degrees, one standard deviation of the angles that were found.
     ``axis_px``
-        px, column of the rotation axis on the detector of the file (not binned, from 0).
+        px, column of the rotation axis that goes with the angles that stand, on the detector of
+        the file (not binned, from 0).
     ``comparison``
         ``residual_recorded`` and ``residual_refined`` (line integrals, reprojection residual, rms
         over the projections), ``residual_gain_percent`` (how much of it is gone; more is better),
@@ -112,7 +113,7 @@ def report(findings: Findings, run: Run) -> dict[str, Any]:
         **change_facts("", refinement.theta - refinement.recorded),
         **change_facts("proposed_", refinement.change),
         "median_sigma_deg": math.degrees(float(np.median(refinement.sigma))),
-        "axis_px": file_axis(refinement.axis, findings.scan.binning),
+        "axis_px": findings.scan.column_in_file(refinement.axis),
         "comparison": comparison_facts(findings.comparison, refinement),
         "evidence": refinement.evidence,
         "counts": counts,

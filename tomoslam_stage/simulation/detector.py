@@ -23,7 +23,9 @@ class Detector:
     """An area detector with a 16 bit camera."""
 
     counts: Annotated[float, Field(gt=0)] = 20_000.0
-    """Photons, and counts, in an open pixel in the middle of the beam."""
+    """Counts in an open pixel in the middle of the beam."""
+    photons: Annotated[float, Field(gt=0)] = 1.0
+    """Photons that make a count: more of them, and the same counts are less noisy."""
     blur: NotNegative = 0.6
     """px: standard deviation of the point spread of the scintillator."""
     beam_fall: Annotated[float, Field(ge=0, lt=1)] = 0.2
@@ -54,11 +56,11 @@ class Camera:
 
     detector: Detector
     beam: Floats
-    """(row, column) photons a projection's open beam leaves after the dust."""
+    """(row, column) counts a projection's open beam leaves after the dust."""
     beam_before: Floats
     """(row, column) the same while the flats were taken."""
     gain: Floats
-    """(row, column) counts for a photon."""
+    """(row, column) sensitivity, around 1."""
     base: Floats
     """(row, column) counts without light during the scan."""
     base_before: Floats
@@ -82,7 +84,8 @@ class Camera:
         return self._read(light, self.base_before, rng)
 
     def _read(self, light: Floats, base: Floats, rng: np.random.Generator) -> NDArray[np.uint16]:
-        counts = rng.poisson(light) * self.gain + base
+        photons = self.detector.photons
+        counts = rng.poisson(light * photons) / photons * self.gain + base
         counts += rng.normal(0, self.detector.readout, light.shape)
         return np.clip(np.rint(counts), 0, FULL).astype(np.uint16)
 

@@ -81,7 +81,9 @@ class Reconstruct:
     def _rows(self, scan: Scan) -> Integers:
         if self.rows is None:
             there = np.flatnonzero(textured(scan))
-            return np.unique(np.quantile(there, (0.25, 0.5, 0.75)).astype(np.intp))
+            # "lower" gives a row that is there; a mean of two might lie where nothing is.
+            middles = np.quantile(there, (0.25, 0.5, 0.75), method="lower")
+            return np.unique(middles.astype(np.intp))
         rows = np.unique(np.array(self.rows, np.intp) // scan.binning)
         if len(rows) == 0 or rows[-1] >= scan.n_rows:
             raise PipelineError(

@@ -42,7 +42,8 @@ class Sift:
         # OpenCV divides the threshold by the number of layers in an octave; that is undone here.
         layers = 3
         sift = cv2.SIFT.create(
-            nfeatures=self.keypoints,
+            # OpenCV counts a keypoint once for each orientation: seldom more than four times.
+            nfeatures=4 * self.keypoints,
             nOctaveLayers=layers,
             contrastThreshold=max(layers * self.noise_sigmas * noise, 1e-4),
             edgeThreshold=self.edge_ratio,
@@ -51,7 +52,7 @@ class Sift:
             enable_precise_upscale=True,
         )
         grey = np.clip(np.rint(image * 255), 0, 255).astype(np.uint8)
-        found = distinct(sift.detect(grey, None))
+        found = distinct(sift.detect(grey, None))[: self.keypoints]
         for keypoint in found:
             keypoint.angle = 0.0
         if not found:
