@@ -27,6 +27,10 @@ from tomoslam_stage.stages.work import Clock, SideOutputs, Work, made
 from tomoslam_stage.tracks import Tracking, halves
 
 
+AXIS_ROWS = 5
+"""At most so many of the unused rows look for the axis."""
+
+
 @dataclass(frozen=True)
 class Found:
     """What the features of a scan say."""
@@ -110,12 +114,13 @@ class RefineTheta:
     def _judge(self, name: str, theta: Floats, unused: Unused) -> None:
         """Reproject the unused rows with `theta` and the axis that suits it best."""
         judge, sinograms = self.reprojection, unused.sinograms
+        few = sinograms[:: -(-len(sinograms) // AXIS_ROWS)]
         if self.axis is not None:
             axis = unused.scan.column_from_file(self.axis)
         elif unused.axes:
-            axis = judge.best_axis(sinograms, theta, unused.axes["recorded"], step=0.5)
+            axis = judge.best_axis(few, theta, unused.axes["recorded"], step=0.5)
         else:
-            axis = judge.find_axis(sinograms, theta)
+            axis = judge.find_axis(few, theta)
         unused.axes[name] = axis
         unused.squares[name] = judge.squares(sinograms, theta, axis)
 
