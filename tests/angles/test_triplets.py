@@ -85,7 +85,7 @@ def test_all_wanted_steps_are_measured_on_overlapping_triplets(tracked) -> None:
     theta = np.deg2rad(np.arange(0, 360, 1.0))
     found = Triplets().measure(tracked(theta, count=15), theta, 0.0)
     sizes = np.rad2deg(wrapped(found.steps[:, 0])).round().astype(int)
-    assert Counter(sizes.tolist()) == {4: 360, 5: 360, 10: 360}
+    assert Counter(sizes.tolist()) == {4: 360, 5: 360, 10: 360, 20: 360}
 
 
 def test_order_of_the_projections_changes_nothing(tracked) -> None:
@@ -160,7 +160,13 @@ def failures(columns: np.ndarray, theta: np.ndarray = THREE, **parameters: objec
 
 
 def test_too_few_tracks_are_counted(columns) -> None:
-    assert failures(columns(THREE, 7, 1)) == {"too few tracks": 1}
+    assert failures(columns(THREE, 5, 1)) == {"too few tracks": 1}
+
+
+def test_six_tracks_that_agree_are_enough(columns) -> None:
+    found = one_triplet(columns(THREE, 6, 1), THREE)
+    assert found.inliers.tolist() == [6]
+    np.testing.assert_allclose(found.steps[0], np.diff(THREE), atol=1e-6)
 
 
 def test_tracks_that_do_not_agree_are_counted() -> None:

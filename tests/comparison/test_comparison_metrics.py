@@ -7,7 +7,7 @@ import pytest
 
 from tomoslam_stage.comparison import SHARPNESS, compare
 from tomoslam_stage.comparison.metrics import difference_of_angles
-from tomoslam_stage.comparison.regions import disc, grey_limits, most_changed_window
+from tomoslam_stage.comparison.regions import disc, grey_limits, material, most_changed_window
 from tomoslam_stage.products import Floats, Reconstructions, Refinement, Truth
 
 AXES = {"recorded": 39.5, "refined": 39.5}
@@ -111,6 +111,37 @@ def test_the_most_changed_window_is_found_and_what_lies_outside_the_disc_is_not(
     assert top + side >= 64
     assert left <= 30
     assert left + side >= 34
+
+
+def test_streaks_in_air_do_not_win_over_a_smaller_change_inside_the_object() -> None:
+    z, x = np.mgrid[:100, :100]
+    body = np.asarray(0.01 * (np.hypot(z - 65, x - 40) < 20), np.float32)
+    inside, difference = disc(body.shape), np.zeros((100, 100), np.float32)
+    difference[12:26:2, 45:60] = 0.01
+    difference[60:64, 34:38] = 0.004
+    assert most_changed_window(difference, inside).top < 26
+    top, left, side = most_changed_window(difference * material(body, inside), inside)
+    assert top <= 60
+    assert top + side >= 64
+    assert left <= 34
+    assert left + side >= 38
+
+
+def test_material_goes_from_none_in_air_to_one_in_what_attenuates_most() -> None:
+    z, x = np.mgrid[:100, :100]
+    body = 0.002 * (np.hypot(z - 50, x - 50) < 35) + 0.008 * (np.hypot(z - 50, x - 40) < 12)
+    body[:8, :8] = 5.0
+    body[20, 60] = np.nan
+    there = material(body, disc(body.shape))
+    assert there.min() == there[4, 50] == 0
+    assert there.max() == there[50, 40] == 1
+    assert there[50, 70] == pytest.approx(0.2, abs=0.01)
+
+
+def test_where_there_is_no_material_every_change_counts() -> None:
+    nothing = np.zeros((50, 50), np.float32)
+    for image in (nothing, nothing - 1):
+        assert (material(image, disc(image.shape)) == 1).all()
 
 
 def test_the_window_is_in_the_middle_where_nothing_changed() -> None:

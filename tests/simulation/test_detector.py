@@ -26,6 +26,20 @@ def test_counts_scatter_as_photons_and_readout_do() -> None:
     assert flat.std() == pytest.approx(np.sqrt(12_000 + 30**2), rel=0.05)
 
 
+@pytest.mark.parametrize("photons", [0.25, 4.0, 25.0])
+def test_more_photons_make_the_same_counts_less_noisy(photons: float) -> None:
+    settings = CLEAN | {"counts": 12_000, "readout": 0.0, "offset": 200.0}
+    flat = made(**settings, photons=photons).projection(np.zeros(SHAPE), rng())
+    assert flat.mean() == pytest.approx(12_200, rel=2e-3)
+    assert flat.std() == pytest.approx(np.sqrt(12_000 / photons), rel=0.05)
+
+
+def test_readout_noise_does_not_fall_with_photons() -> None:
+    settings = CLEAN | {"counts": 10_000, "readout": 30.0, "photons": 100.0}
+    flat = made(**settings).projection(np.zeros(SHAPE), rng())
+    assert flat.std() == pytest.approx(np.sqrt(10_000 / 100 + 30**2), rel=0.05)
+
+
 def test_object_dims_the_beam_as_beer_and_lambert_say() -> None:
     counts = made(**CLEAN, offset=0.0).projection(np.full(SHAPE, 2.0), rng())
     assert counts.mean() == pytest.approx(20_000 * np.exp(-2), rel=3e-3)

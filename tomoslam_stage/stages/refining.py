@@ -26,7 +26,6 @@ from tomoslam_stage.scans import binned
 from tomoslam_stage.stages.work import Clock, SideOutputs, Work, made
 from tomoslam_stage.tracks import Tracking, halves
 
-
 AXIS_ROWS = 5
 """At most so many of the unused rows look for the axis."""
 
