@@ -61,8 +61,8 @@ def said(moves_deg: Sequence[float], **parameters: float) -> tuple[int, int]:
     [
         ([1.0, 2.0], 1, 2),
         ([1.0, -1.5], 1, 2),
-        ([1.0, 0.5, 0.7], 1, 3),
-        ([1.0, 0.5, 0.25, 0.3], 1, 4),
+        ([1.0, 0.5, 1.2], 1, 3),
+        ([1.0, 0.5, 0.25, 1.0], 1, 4),
     ],
 )
 def test_the_first_turn_counts_where_turns_lead_further_and_further_away(
@@ -73,7 +73,7 @@ def test_the_first_turn_counts_where_turns_lead_further_and_further_away(
 
 @pytest.mark.parametrize(
     ("moves_deg", "turns"),
-    [([0.005], 1), ([1.0, -0.005], 2), ([1.0, 0.5, 0.009], 3), ([1.0, 0.5, 0.25, 0.125], 4)],
+    [([0.005], 1), ([1.0, -0.005], 2), ([1.0, 0.5, 0.009], 3), ([1.0, 0.5, 0.7, 0.009], 4)],
 )
 def test_the_last_turn_counts_where_turns_settle(moves_deg: list[float], turns: int) -> None:
     assert said(moves_deg) == (turns, turns)

@@ -144,19 +144,20 @@ class RefineTheta:
         Where the turns lead further and further away, the tracks are no good; the first counts.
         """
         said: list[tuple[AngleMeasurements, Solution]] = []
-        expected, last = recorded, np.inf
+        changes: list[float] = []
+        expected = recorded
         for _ in range(self.rounds):
             with clock("angles"):
                 measurements = self.angles.measure(tracks, expected, axis)
             with clock("graph"):
                 solution = self.refinement.solve(recorded, measurements)
             said.append((measurements, solution))
-            change = np.rad2deg(np.abs(solution.theta - expected).max())
-            if change >= last:
+            changes.append(float(np.rad2deg(np.abs(solution.theta - expected).max())))
+            if len(changes) > 1 and changes[-1] >= changes[0]:
                 return said[0]
-            if change < self.settled_deg:
+            if changes[-1] < self.settled_deg:
                 break
-            expected, last = solution.theta, change
+            expected = solution.theta
         return said[-1]
 
     def _judged(self, scan: Scan, found: Found, unused: Unused) -> Refinement:
