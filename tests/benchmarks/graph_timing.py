@@ -51,10 +51,10 @@ def timed(count: int, steps_deg: tuple[float, ...]) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    print("angles  CV steps / deg   build / ms  solve / ms  together / ms")
+    print("angles  CV steps / deg    build / ms  solve / ms  together / ms")
     for angles in (360, 1800, 10000):
-        for chosen in ((10.0,), (4.0, 5.0, 10.0)):
+        for chosen in ((10.0,), (4.0, 5.0, 10.0), (4.0, 5.0, 10.0, 20.0)):
             build, solve = timed(angles, chosen)
             told = ", ".join(f"{step:g}" for step in chosen)
             times = f"{1e3 * build:11.1f} {1e3 * solve:11.1f} {1e3 * (build + solve):14.1f}"
-            print(f"{angles:6d}  {told:15s} {times}")
+            print(f"{angles:6d}  {told:16s} {times}")
