@@ -3,9 +3,9 @@
     python tests/benchmarks/error_ratio.py [PIPELINE] [PHANTOM ...]
 
 360 projections of 256 x 320 px over 360 degrees, an encoder walk of 0.05 degrees a step. Seeds and
-phantoms are others than those used while developing. The ratio is that of the paper's equation 7,
-first angle fixed; pooled: rms recorded error over rms refined error of all seeds. The refined
-angles are counted as they were found; "stands" is what the gate made of them.
+phantoms are others than those the parameters were chosen on. The ratio is that of the paper's
+equation 7, first angle fixed; pooled: rms recorded error over rms refined error of all seeds. The
+refined angles are counted as they were found; "stands" is what the gate made of them.
 """
 
 from __future__ import annotations

@@ -49,9 +49,9 @@ class Plane:
         """(2,) radians, both steps without their sign, and their (2, 2) covariance: linearised.
 
         The normal is compared with that of the `expected` (2,) steps, in the plane that touches the
-        unit sphere there. Cosines cannot leave their range, so nothing is lost, and nothing is
-        biased, where the noise is as large as the steps; the sum of the steps is measured even
-        where the features, all in one sheet, leave their difference open.
+        unit sphere there. There is no cosine that noise could push out of its range, so no triplet
+        is lost for that; the sum of the steps is measured even where the features, all in one
+        sheet, leave their difference open.
         """
         normal, jacobian = normal_of(expected)
         touching = np.linalg.svd(normal[None])[2][1:]

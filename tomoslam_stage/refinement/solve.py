@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -24,12 +25,20 @@ class Solution:
 
     theta: Floats
     """(n,) radians."""
-    sigma: Floats
-    """(n,) radians, from the marginals; the first angle is the one held."""
     residuals: Mapping[str, Floats]
     """By name of the factor: radians."""
     scale: Mapping[str, float]
     """By name of the factor: how much larger its residuals are than its noise model says."""
+    graph: Any
+    """The `gtsam.GaussianFactorGraph` at `theta`, every factor weighted as it was at last."""
+
+    @cached_property
+    def sigma(self) -> Floats:
+        """(n,) radians, from the marginals; the first angle is the one held.
+
+        Asked for only where it is needed: it takes longer than solving the graph.
+        """
+        return marginal_sigma(self.graph, len(self.theta))
 
 
 @method
@@ -58,9 +67,8 @@ class Solver:
             weights = {name: block.weights(theta) for name, block in blocks.items()}
             if np.abs(change).max() < np.deg2rad(self.settled_deg):
                 break
-        sigma = marginal_sigma(linear_graph(blocks, weights, theta), len(theta))
         residuals = {name: block.residuals(theta) for name, block in blocks.items()}
-        return Solution(theta, sigma, residuals, scale)
+        return Solution(theta, residuals, scale, linear_graph(blocks, weights, theta))
 
     def _rescaled(
         self, blocks: Mapping[str, Block], scale: Mapping[str, float], theta: Floats
