@@ -1,13 +1,19 @@
-"""What tests of several rooms look at: an object whose projections are known in closed form."""
+"""What tests of several rooms need: an object known in closed form, tomopy gone or stood in for."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tomoslam_stage.products import Floats, Pixels
+from tomoslam_stage.stages import preparing
+from tomoslam_stage.tomopy_adapter import installed
 
 
 @dataclass(frozen=True)
@@ -74,3 +80,76 @@ def dots() -> Blobs:
         width=rng.uniform(1.0, 2.5, 60),
         height=rng.uniform(0.02, 0.1, (2, 60)),
     )
+
+
+@pytest.fixture
+def fresh_import() -> Iterator[None]:
+    """Let the adapter look again whether tomopy is there, and forget afterwards what it saw."""
+    installed._tomopy.cache_clear()
+    preparing.stage_of.cache_clear()
+    yield
+    installed._tomopy.cache_clear()
+    preparing.stage_of.cache_clear()
+
+
+@pytest.fixture
+def no_tomopy(monkeypatch: pytest.MonkeyPatch, fresh_import: None) -> None:  # noqa: ARG001
+    monkeypatch.setitem(sys.modules, "tomopy", None)
+
+
+def normalize(arr: Any, flat: Any, dark: Any, cutoff: Any = None, ncore: Any = None) -> Any:  # noqa: ARG001
+    """Stand in for tomopy's function of this name, and do what it does."""
+    dark = dark.mean(axis=0)
+    return (arr - dark) / (flat.mean(axis=0) - dark)
+
+
+def minus_log(arr: Any, ncore: Any = None) -> Any:  # noqa: ARG001
+    """Stand in for tomopy's function of this name, and do what it does."""
+    return -np.log(arr)
+
+
+def remove_stripe_based_sorting(tomo: Any, size: Any = None, dim: int = 1) -> Any:  # noqa: ARG001
+    """Stand in for tomopy's function of this name: take off what all projections have."""
+    return tomo - np.median(tomo, axis=0) + (size or 0)
+
+
+def remove_outlier(arr: Any, dif: float, size: int = 3, axis: int = 0) -> Any:  # noqa: ARG001
+    """Stand in for tomopy's function of this name, and do nothing."""
+    return arr
+
+
+def find_center_vo(tomo: Any, ind: Any = None, smin: int = -50, step: float = 0.25) -> Any:  # noqa: ARG001
+    """Stand in for tomopy's function of this name: the middle of what the projections weigh."""
+    weight = tomo[:, ind].sum(axis=0)
+    return float((weight * np.arange(len(weight))).sum() / weight.sum())
+
+
+STAND_INS: dict[str, dict[str, Any]] = {
+    "tomopy": {"__version__": "stand-in"},
+    "tomopy.prep": {},
+    "tomopy.prep.normalize": {"normalize": normalize, "minus_log": minus_log},
+    "tomopy.prep.stripe": {"remove_stripe_based_sorting": remove_stripe_based_sorting},
+    "tomopy.misc": {},
+    "tomopy.misc.corr": {"remove_outlier": remove_outlier},
+    "tomopy.recon": {},
+    "tomopy.recon.rotation": {"find_center_vo": find_center_vo},
+    "tomopy.recon.algorithm": {
+        "allowed_recon_kwargs": {
+            "sirt": ["num_iter", "num_gridx"],
+            "gridrec": ["filter_name", "filter_par"],
+            "mlem": ["num_iter"],
+            "tv": ["num_iter", "reg_par"],
+        },
+        "allowed_accelerated_kwargs": {},
+    },
+}
+"""Module -> what it holds, where a stand-in takes the place of tomopy."""
+
+
+@pytest.fixture
+def stand_in_functions(monkeypatch: pytest.MonkeyPatch, fresh_import: None) -> None:  # noqa: ARG001
+    """Put stand-ins in the place of a few functions of tomopy, whether it is there or not."""
+    for path, names in STAND_INS.items():
+        module = ModuleType(path)
+        vars(module).update(names)
+        monkeypatch.setitem(sys.modules, path, module)

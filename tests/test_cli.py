@@ -12,9 +12,11 @@ from typing import Any, ClassVar
 import pytest
 
 from tomoslam_stage import cli, console
+from tomoslam_stage.cli.arguments import row_list
 from tomoslam_stage.errors import BackendMissingError, PipelineError, ScanError
 from tomoslam_stage.methods import method
 from tomoslam_stage.progress import progress
+from tomoslam_stage.stages.modules import Module
 
 SHOWN = "what the report says"
 
@@ -115,13 +117,14 @@ def stages(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type[StandInRefin
     """Stand-ins for the stages and the summary, and a pipeline.yaml of them."""
     stand_in: Any = ModuleType("tomoslam_stage.stages")
     stand_in.Work = StandInWork
-    stand_in.STAGES = {
+    ours = {
         "load_scan": StandInLoad,
         "refine_theta": StandInRefine,
         "reconstruct": StandInReconstruct,
         "compare": StandInCompare,
         "write_theta": StandInWrite,
     }
+    stand_in.MODULES = {"tomoslam_stage.stages": Module(ours)}
     comparison: Any = ModuleType("tomoslam_stage.comparison")
     comparison.summary = lambda report, folder: f"{report['said']} in {folder.name}"
     monkeypatch.setitem(sys.modules, "tomoslam_stage.stages", stand_in)
@@ -282,13 +285,13 @@ def test_a_scan_called_like_a_command_is_reached_by_its_path(stages: object) -> 
     [("10", [10]), ("10,50,100", [10, 50, 100]), ("10:40:10", [10, 20, 30]), ("3:5", [3, 4])],
 )
 def test_rows_are_a_list_or_a_range(text: str, rows: list[int]) -> None:
-    assert cli.row_list(text) == rows
+    assert row_list(text) == rows
 
 
 @pytest.mark.parametrize("text", ["", "a", "1,,2", "5:5", "1:9:0", "1:2:3:4", "-1", ":"])
 def test_rows_that_name_none_are_refused(text: str) -> None:
     with pytest.raises(ArgumentTypeError, match="names no rows"):
-        cli.row_list(text)
+        row_list(text)
 
 
 def test_a_simulated_scan_can_be_inspected(

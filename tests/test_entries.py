@@ -33,10 +33,11 @@ def refused(action: Any, *args: Any) -> str:
 
 
 def test_the_pipelines_of_the_package_load_by_name_in_the_order_that_writes_last() -> None:
-    assert {"default", "paper"} <= set(pipeline_names())
+    assert pipeline_names() == ["default", "paper", "sirt", "stripes"]
     for name in pipeline_names():
-        methods = [e.method for e in load_pipeline(name)]
-        assert methods == ["load_scan", "refine_theta", "reconstruct", "compare", "write_theta"]
+        written = load_pipeline(name)
+        ours = [e.method for e in written if e.module_path == "tomoslam_stage.stages"]
+        assert ours == ["load_scan", "refine_theta", "reconstruct", "compare", "write_theta"]
 
 
 def test_an_unknown_pipeline_is_answered_with_the_nearest_name() -> None:
@@ -96,7 +97,8 @@ def test_an_unknown_pipeline_is_answered_with_the_nearest_name() -> None:
         ),
         (
             entry("load_scan", "{binning: !Sweep [1, 2]}"),
-            "mine.yaml:3: the tag !Sweep is not taken; only plain values are.",
+            "mine.yaml:3: !Sweep is not taken: one run refines a scan with one value of each "
+            "parameter. Give one value, and run once for each of the others.",
         ),
         (entry("load_scan", "{1: 2}"), "mine.yaml:3: '1' is no key; a key is a word."),
         (entry("load_scan", "{a: !!int b}"), "mine.yaml:3: 'b' is no !!int."),

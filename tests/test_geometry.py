@@ -8,6 +8,8 @@ import pytest
 
 from tomoslam_stage.geometry import (
     TURN,
+    WIDEST_GAP,
+    angular_weights,
     around,
     partners,
     rms,
@@ -142,3 +144,58 @@ def test_rms_difference_does_not_count_a_common_turn() -> None:
     assert rms_difference(theta + 0.7, theta) == pytest.approx(0, abs=1e-12)
     changed = theta + np.array([1.0, 2.0, 3.0, np.nan])
     assert rms_difference(changed, theta) == pytest.approx(np.sqrt(2 / 3))
+
+
+@pytest.mark.parametrize(
+    ("degrees", "weights"),
+    [
+        ([0, 10, 30, 90], [50, 15, 40, 75]),
+        ([30, 0, 90, 10], [40, 50, 75, 15]),
+        ([-170, 210, -90, 0], [15, 40, 75, 50]),
+        ([25], [180]),
+        ([0, 90, 90, 90], [90, 45, 0, 45]),
+        ([0, 180], [90, 90]),
+    ],
+    ids=["sorted", "unsorted", "outside the half turn", "one", "repeated", "ends of a half turn"],
+)
+def test_a_projection_weighs_half_the_gap_to_either_neighbour(
+    degrees: list[float], weights: list[float]
+) -> None:
+    found = np.rad2deg(angular_weights(np.deg2rad(degrees)))
+    np.testing.assert_allclose(found, weights, atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [90, 91])
+@pytest.mark.parametrize("turns", [0.5, 1, 2])
+def test_equal_steps_weigh_the_same_however_often_the_scan_goes_round(n: int, turns: float) -> None:
+    weights = angular_weights(np.arange(n) * turns * 2 * np.pi / n)
+    np.testing.assert_allclose(weights, np.pi / n, rtol=1e-9)
+
+
+def test_weights_of_any_angles_add_up_to_the_half_turn() -> None:
+    weights = angular_weights(np.random.default_rng(3).uniform(-1, 7, 41))
+    assert weights.min() > 0
+    assert weights.sum() == pytest.approx(np.pi)
+
+
+def test_a_wedge_without_projections_weighs_no_more_than_some_usual_gaps() -> None:
+    weights = angular_weights(np.deg2rad(np.arange(121.0)))
+    assert weights.sum() == pytest.approx(np.pi)
+    np.testing.assert_allclose(weights[1:-1], weights[60], rtol=1e-9)
+    np.testing.assert_allclose(weights[[0, -1]] / weights[60], (1 + WIDEST_GAP) / 2, rtol=1e-9)
+
+
+@pytest.mark.parametrize("span", [30, 90, 150])
+def test_projections_half_a_turn_apart_do_not_make_every_other_gap_a_wedge(span: int) -> None:
+    once = np.deg2rad(np.arange(span + 1.0))
+    twice = np.concatenate([once, once + np.pi + 1e-7])
+    weights = angular_weights(twice).reshape(2, -1).sum(axis=0)
+    np.testing.assert_allclose(weights, angular_weights(once), rtol=1e-4)
+
+
+@pytest.mark.parametrize("lost", [2, 5])
+def test_a_few_lost_projections_are_made_up_for_by_their_neighbours(lost: int) -> None:
+    kept = np.delete(np.arange(180), np.arange(70, 70 + lost))
+    weights = np.rad2deg(angular_weights(np.deg2rad(kept)))
+    np.testing.assert_allclose(weights[[69, 70]], 1 + lost / 2, rtol=1e-9)
+    np.testing.assert_allclose(np.delete(weights, [69, 70]), 1, rtol=1e-9)

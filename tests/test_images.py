@@ -5,7 +5,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tomoslam_stage.images import bandpass, highpass, noise_sigma, robust_sigma
+from tomoslam_stage.images import (
+    Window,
+    bandpass,
+    highpass,
+    noise_sigma,
+    ramp,
+    robust_sigma,
+    tapered,
+)
 
 if TYPE_CHECKING:
     from tomoslam_stage.products import Pixels
@@ -73,3 +81,37 @@ def test_robust_sigma_is_that_of_normal_noise_and_outliers_hardly_move_it() -> N
     assert robust_sigma(values) == pytest.approx(2, rel=0.03)
     values[:1000] = 1e6
     assert robust_sigma(values) == pytest.approx(2, rel=0.1)
+
+
+def test_the_ramp_is_the_spectrum_of_the_sampled_kernel_of_ram_and_lak() -> None:
+    kernel = np.fft.irfft(ramp(32, "ram-lak"))
+    wanted = [0.25, -1 / np.pi**2, 0, -1 / (3 * np.pi) ** 2, 0, -1 / (5 * np.pi) ** 2]
+    np.testing.assert_allclose(kernel[:6], wanted, atol=1e-12)
+    np.testing.assert_allclose(kernel[1:], kernel[:0:-1], atol=1e-12)
+    np.testing.assert_allclose(ramp(4096, "ram-lak"), np.fft.rfftfreq(4096), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("window", "at_half", "at_end"),
+    [("shepp-logan", np.sqrt(8) / np.pi, 2 / np.pi), ("hann", 0.5, 0.0)],
+)
+def test_windows_leave_low_frequencies_and_damp_high_ones(
+    window: Window, at_half: float, at_end: float
+) -> None:
+    share = ramp(64, window) / ramp(64, "ram-lak")
+    np.testing.assert_allclose(share[[0, 16, 32]], [1, at_half, at_end], atol=1e-12)
+
+
+def test_padding_falls_from_the_end_values_to_zero_on_either_side() -> None:
+    sinograms = np.array([[[4.0, 1.0, 2.0], [8.0, 0.0, 6.0]]], np.float32)
+    padded = tapered(sinograms, before=4, length=11)
+    down = 0.5 + 0.5 * np.cos(np.pi * np.array([1, 2, 3, 4]) / 4)
+    for row, (left, right) in enumerate([(4, 2), (8, 6)]):
+        np.testing.assert_allclose(padded[0, row, :4], left * down[::-1], atol=1e-6)
+        np.testing.assert_allclose(padded[0, row, 7:], right * down, atol=1e-6)
+    np.testing.assert_array_equal(padded[..., 4:7], sinograms)
+
+
+def test_padding_by_nothing_changes_nothing() -> None:
+    sinograms = np.array([[[4.0, 1.0, 2.0]]], np.float32)
+    np.testing.assert_array_equal(tapered(sinograms, before=0, length=3), sinograms)

@@ -12,6 +12,7 @@ from pydantic import Field
 from tomoslam_stage.errors import PipelineError, ScanError
 from tomoslam_stage.methods import method
 from tomoslam_stage.pipeline import apply_settings, check, load_pipeline, run
+from tomoslam_stage.stages.modules import Module
 
 RAN: list[Any] = []
 
@@ -84,6 +85,7 @@ STAND_INS: dict[str, Any] = {
     "compare": StandInCompare,
     "write_theta": StandInWrite,
 }
+MODULES = {"tomoslam_stage.stages": Module(STAND_INS)}
 
 
 @dataclass
@@ -132,8 +134,7 @@ def refused(action: Any, *args: Any) -> str:
         ),
         (
             entry("load_scan").replace("tomoslam_stage.stages", "os"),
-            "mine.yaml:2: the module_path 'os' is not taken; "
-            "tomoslam_stage.stages is the only one.",
+            "mine.yaml:2: the module_path 'os' is not taken. Known: tomoslam_stage.stages.",
         ),
         (
             entry("load_scan", "{fails: false,\n    binnig: 2}"),
@@ -160,7 +161,7 @@ def refused(action: Any, *args: Any) -> str:
     ],
 )
 def test_a_pipeline_is_refused_before_anything_runs(pipeline: Any, text: str, message: str) -> None:
-    assert refused(check, pipeline(text), STAND_INS) == message
+    assert refused(check, pipeline(text), MODULES) == message
 
 
 @pytest.mark.parametrize(
@@ -191,14 +192,14 @@ def test_a_wrong_reference_is_refused_with_its_line(
 ) -> None:
     load = entry("load_scan", more="  id: load\n  side_outputs: {axis: column}\n")
     refine = entry("refine_theta", f"\n    axis: {reference}")
-    assert refused(check, pipeline(load + refine), STAND_INS) == f"mine.yaml:9: {message}"
+    assert refused(check, pipeline(load + refine), MODULES) == f"mine.yaml:9: {message}"
 
 
 def test_a_reference_gives_the_side_output_of_the_earlier_entry(pipeline: Any) -> None:
     load = entry("load_scan", more="  id: load\n  side_outputs: {axis: column}\n")
     refine = entry("refine_theta", "\n    axis: ${{ load.side_outputs.column }}")
     work = StandInWork()
-    run(pipeline(load + refine), work, STAND_INS)
+    run(pipeline(load + refine), work, MODULES)
     assert RAN == [("load_scan", 1), ("refine_theta", 31.5, 300)]
     assert work.pipeline[1]["parameters"]["axis"] == "${{ load.side_outputs.column }}"
 
@@ -211,19 +212,24 @@ def test_a_side_output_that_does_not_fit_is_refused_with_its_line(pipeline: Any)
     load = entry("load_scan", more="  id: load\n  side_outputs: {axis: column}\n")
     refine = entry("refine_theta", "\n    axis: ${{load.side_outputs.column}}")
     entries = pipeline(load + refine)
-    message = refused(run, entries, StandInWork(), {**STAND_INS, "load_scan": Wordy})
+    message = refused(
+        run,
+        entries,
+        StandInWork(),
+        {"tomoslam_stage.stages": Module({**STAND_INS, "load_scan": Wordy})},
+    )
     assert message.startswith("mine.yaml:9: refine_theta.axis: 'left' does not fit: ")
 
 
 def test_nothing_runs_when_the_last_entry_is_wrong(pipeline: Any) -> None:
     text = entry("load_scan") + entry("refine_theta", "{stepz: 1}")
-    refused(run, pipeline(text), StandInWork(), STAND_INS)
+    refused(run, pipeline(text), StandInWork(), MODULES)
     assert RAN == []
 
 
 def test_the_pipeline_as_run_has_every_default_and_loads_again(pipeline: Any) -> None:
     work = StandInWork()
-    run(pipeline(entry("load_scan", more="  id: load\n") + entry("refine_theta")), work, STAND_INS)
+    run(pipeline(entry("load_scan", more="  id: load\n") + entry("refine_theta")), work, MODULES)
     assert work.pipeline == [
         {
             "method": "load_scan",
@@ -242,7 +248,7 @@ def test_the_pipeline_as_run_has_every_default_and_loads_again(pipeline: Any) ->
         },
     ]
     again = StandInWork()
-    run(pipeline(yaml.safe_dump(work.pipeline)), again, STAND_INS)
+    run(pipeline(yaml.safe_dump(work.pipeline)), again, MODULES)
     assert again.pipeline == work.pipeline
     assert list(work.seconds) == ["load", "refine_theta"]
     assert all(seconds >= 0 for seconds in work.seconds.values())
@@ -254,7 +260,7 @@ def test_angles_are_written_even_if_the_report_fails_and_the_failure_is_told(
     names = ("load_scan", "refine_theta", "compare", "write_theta")
     trouble = OSError(28, "No space left on device")
     with pytest.raises(OSError, match="No space left") as caught:
-        run(pipeline("".join(map(entry, names))), StandInWork(trouble), STAND_INS)
+        run(pipeline("".join(map(entry, names))), StandInWork(trouble), MODULES)
     assert caught.value is trouble
     assert RAN[-1] == ("write_theta",)
     assert "compare failed; write_theta does without it" in caplog.messages
@@ -265,7 +271,7 @@ def test_a_failure_stops_all_that_need_its_product_and_says_no_more_than_that(
 ) -> None:
     text = entry("load_scan", "{fails: true}") + entry("refine_theta") + entry("write_theta")
     with pytest.raises(ScanError):
-        run(pipeline(text), StandInWork(), STAND_INS)
+        run(pipeline(text), StandInWork(), MODULES)
     assert RAN == [("load_scan", 1)]
     assert [r for r in caplog.records if r.levelname == "WARNING"] == []
 
@@ -274,14 +280,14 @@ def test_an_interrupt_stops_at_once(pipeline: Any) -> None:
     names = ("load_scan", "refine_theta", "compare", "write_theta")
     work: Any = SimpleNamespace(trouble=KeyboardInterrupt(), seconds={}, pipeline=[])
     with pytest.raises(KeyboardInterrupt):
-        run(pipeline("".join(map(entry, names))), work, STAND_INS)
+        run(pipeline("".join(map(entry, names))), work, MODULES)
     assert RAN[-1][0] == "refine_theta"
 
 
 def test_save_result_is_said_to_change_nothing(
     pipeline: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
-    check(pipeline(entry("load_scan", more="  save_result: true\n")), STAND_INS)
+    check(pipeline(entry("load_scan", more="  save_result: true\n")), MODULES)
     assert caplog.messages == [
         "mine.yaml:4: save_result changes nothing here; "
         "the parameters of load_scan say what is kept"
@@ -290,6 +296,6 @@ def test_save_result_is_said_to_change_nothing(
 
 def test_an_unknown_parameter_of_a_setting_is_answered_with_the_nearest(pipeline: Any) -> None:
     entries = apply_settings(pipeline(entry("load_scan")), ["load_scan.bining=2"])
-    assert refused(check, entries, STAND_INS) == (
+    assert refused(check, entries, MODULES) == (
         "--set load_scan.bining=2: load_scan: no parameter 'bining'. Did you mean 'binning'?"
     )

@@ -9,11 +9,12 @@ import pytest
 import yaml
 
 from tomoslam_stage.entries import Entry
+from tomoslam_stage.errors import BackendMissingError
 from tomoslam_stage.methods import name_of
 from tomoslam_stage.pipeline import check, described, load_pipeline, pipeline_names
 from tomoslam_stage.reconstruction import ALGORITHMS
 from tomoslam_stage.refinement.factors import FACTORS, Cv
-from tomoslam_stage.stages import STAGES, Stage
+from tomoslam_stage.stages import MODULES, STAGES, Stage
 from tomoslam_stage.stages.refining import RefineTheta
 from tomoslam_stage.tracks.detectors import DETECTORS, Surf
 from tomoslam_stage.tracks.following import FOLLOWERS, Steps
@@ -44,7 +45,7 @@ def stated(name_or_path: str | Path) -> list[dict[str, Any]]:
     entries = load_pipeline(name_or_path)
     return [
         described(entry, stage)
-        for entry, stage in zip(entries, check(entries, STAGES), strict=True)
+        for entry, stage in zip(entries, check(entries, MODULES), strict=True)
     ]
 
 
@@ -62,7 +63,7 @@ def built(method: str, parameters: dict[str, Any]) -> tuple[Entry, Stage]:
     module = "tomoslam_stage.stages"
     entries = [Entry(name, module, "test.yaml:1", given) for name, given in loose.items()]
     place = list(loose).index(method)
-    return entries[place], check(entries, STAGES)[place]
+    return entries[place], check(entries, MODULES)[place]
 
 
 def again(method: str, whole: dict[str, Any]) -> Stage:
@@ -75,16 +76,35 @@ def test_there_are_pipelines_and_all_are_known_by_name() -> None:
     assert [path.stem for path in FILES] == pipeline_names()
 
 
+@pytest.mark.usefixtures("stand_in_functions")
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_every_pipeline_of_the_package_can_run(path: Path) -> None:
-    stages = check(load_pipeline(path), STAGES)
-    assert [name_of(stage, STAGES) for stage in stages] == list(STAGES)
+    stages = check(load_pipeline(path), MODULES)
+    ours = [name_of(stage, STAGES) for stage in stages if type(stage) in STAGES.values()]
+    assert ours == list(STAGES)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_every_pipeline_of_the_package_says_when_to_take_it(path: Path) -> None:
+    first, second, *_ = path.read_text().splitlines()
+    assert first.startswith(f"# {path.stem}: ")
+    assert second.startswith("# ")
+    assert "Take it" in path.read_text() or path.stem == "paper"
+
+
+@pytest.mark.usefixtures("no_tomopy")
+def test_a_pipeline_that_needs_tomopy_says_how_to_get_it() -> None:
+    with pytest.raises(BackendMissingError) as caught:
+        check(load_pipeline("stripes"), MODULES)
+    assert caught.value.exit_code == 5
+    assert str(caught.value).startswith("stripes.yaml:9: tomopy is needed ")
+    assert "conda install -c conda-forge tomopy" in str(caught.value)
 
 
 def test_the_default_pipeline_spells_out_exactly_the_defaults() -> None:
     entries = load_pipeline("default")
     bare = [Entry(e.method, e.module_path, e.where) for e in entries]
-    defaults = [described(e, s) for e, s in zip(bare, check(bare, STAGES), strict=True)]
+    defaults = [described(e, s) for e, s in zip(bare, check(bare, MODULES), strict=True)]
     assert [without_id(whole) for whole in stated("default")] == defaults
 
 
@@ -94,7 +114,7 @@ def test_the_default_pipeline_leaves_no_parameter_out() -> None:
 
 
 def test_the_paper_pipeline_is_the_published_method() -> None:
-    stages = check(load_pipeline("paper"), STAGES)
+    stages = check(load_pipeline("paper"), MODULES)
     refine = next(stage for stage in stages if isinstance(stage, RefineTheta))
     cv = refine.refinement.factors["cv"]
     assert isinstance(refine.tracks.detector, Surf)
@@ -106,11 +126,12 @@ def test_the_paper_pipeline_is_the_published_method() -> None:
     assert refine.rounds == 1
 
 
+@pytest.mark.usefixtures("stand_in_functions")
 @pytest.mark.parametrize("name", pipeline_names())
 def test_a_pipeline_as_run_is_a_pipeline_that_runs_the_same(name: str, tmp_path: Path) -> None:
     path = tmp_path / "as_run.yaml"
     path.write_text(yaml.safe_dump(stated(name)))
-    assert check(load_pipeline(path), STAGES) == check(load_pipeline(name), STAGES)
+    assert check(load_pipeline(path), MODULES) == check(load_pipeline(name), MODULES)
     assert stated(path) == stated(name)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["refine_theta"]
+__all__ = ["compare", "load_scan", "reconstruct", "refine_theta", "write_theta"]
 
 
 def __getattr__(name: str) -> Any:

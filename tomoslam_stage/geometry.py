@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from tomoslam_stage.products import Floats, Integers
 
 TURN = 2 * np.pi
+WIDEST_GAP = 8.0
+"""Usual gaps between projections that a gap may count as, where angles are weighed."""
 
 
 def wrapped(angle: Floats) -> Floats:
@@ -40,6 +42,35 @@ def partners(theta: Floats, step: float) -> Integers:
     found = candidates[best, everyone]
     usable = (miss[best, everyone] <= 0.2 * step) & (found != everyone)
     return np.where(usable, found, -1)
+
+
+def angular_weights(theta: Floats) -> Floats:
+    """(n,) radians: the share of the half turn that each projection stands for.
+
+    Half the gap to either neighbour, modulo a half turn, of a wedge without projections no more
+    than `WIDEST_GAP` allows: the whole of it would give two projections, and their noise, the
+    weight of all that are missing. The weights add up to pi all the same, so that flat regions
+    keep their value and what is lost is detail across the wedge.
+    """
+    folded = np.mod(theta, np.pi)
+    order = np.argsort(folded, kind="stable")
+    gaps = np.diff(folded[order], append=folded[order[0]] + np.pi)
+    gaps = np.minimum(gaps, WIDEST_GAP * _usual_gap(gaps))
+    weights = np.empty_like(folded)
+    weights[order] = (gaps + np.roll(gaps, 1)) / 2
+    return np.asarray(weights * (np.pi / weights.sum()))
+
+
+def _usual_gap(gaps: Floats) -> float:
+    """Radians: half of what the gaps span, but for the widest, lies in gaps up to this one.
+
+    Counting them instead would be misled by angles that nearly meet others half a turn on.
+    """
+    spans = np.sort(gaps)[:-1]
+    covered = np.cumsum(spans)
+    if len(spans) == 0 or covered[-1] == 0:
+        return float(gaps.max())
+    return float(spans[np.searchsorted(covered, covered[-1] / 2)])
 
 
 def triangle_angles(normal: Floats) -> Floats:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
+from scipy.fft import rfft
 
 if TYPE_CHECKING:
-    from tomoslam_stage.products import Pixels
+    from tomoslam_stage.products import Floats, Pixels
+
+Window: TypeAlias = Literal["ram-lak", "shepp-logan", "cosine", "hamming", "hann", "parzen"]
+"""Apodisations of the ramp filter, from none to the smoothest."""
 
 ROBUST_SIGMA = 1.4826
 """Standard deviation of normal noise, in units of its median absolute deviation."""
@@ -46,3 +51,42 @@ def noise_sigma(image: Pixels) -> float:
 def robust_sigma(values: Pixels) -> float:
     """Return the standard deviation of `values` that outliers do not move."""
     return float(ROBUST_SIGMA * np.median(np.abs(values - np.median(values))))
+
+
+def ramp(length: int, window: Window) -> Floats:
+    """(length // 2 + 1,) the discrete ramp of Ram and Lak, times a window.
+
+    Kak and Slaney, Principles of Computerized Tomographic Imaging (1988), equation 3-61.
+    """
+    column = np.minimum(np.arange(length), length - np.arange(length))
+    kernel = np.zeros(length)
+    kernel[0] = 0.25
+    odd = column % 2 == 1
+    kernel[odd] = -1 / (np.pi * column[odd]) ** 2
+    return np.asarray(rfft(kernel).real * WINDOWS[window](np.asarray(2 * np.fft.rfftfreq(length))))
+
+
+def parzen(x: Floats) -> Floats:
+    """Return the window of Parzen (Ann. Math. Statist. 32 (1961) 329) at `x` of its half width."""
+    near = 1 - 6 * x**2 * (1 - x)
+    return np.where(x < 0.5, near, 2 * (1 - x) ** 3)
+
+
+WINDOWS: Mapping[Window, Callable[[Floats], Floats]] = {
+    "ram-lak": np.ones_like,
+    "shepp-logan": lambda x: np.sinc(x / 2),
+    "cosine": lambda x: np.cos(np.pi / 2 * x),
+    "hamming": lambda x: 0.54 + 0.46 * np.cos(np.pi * x),
+    "hann": lambda x: 0.5 + 0.5 * np.cos(np.pi * x),
+    "parzen": parzen,
+}
+"""Name -> weight of a frequency, in units of the highest; from the sharpest to the smoothest."""
+
+
+def tapered(sinograms: Pixels, before: int, length: int) -> Pixels:
+    """Pad the columns to `length`, `before` of them on the left, the end values falling to zero."""
+    after = length - before - sinograms.shape[-1]
+    padded = np.pad(sinograms, ((0, 0), (0, 0), (before, after)), mode="edge")
+    padded[..., :before] *= 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, before, endpoint=False))
+    padded[..., length - after :] *= 0.5 + 0.5 * np.cos(np.linspace(0, np.pi, after + 1))[1:]
+    return padded

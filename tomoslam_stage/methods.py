@@ -60,6 +60,8 @@ def checked(cls: type[Method], parameters: Mapping[str, Any], where: str) -> Met
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join([where, *map(str, first["loc"])])
+        if first["type"] == "missing":
+            raise PipelineError(key, "is missing; a value is needed.") from error
         raise PipelineError(key, f"{first['input']!r} does not fit: {first['msg']}.") from error
 
 

@@ -9,22 +9,32 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from os import PathLike, fspath
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from tomoslam_stage.entries import Entry, apply_settings, load_pipeline, pipeline_names
 from tomoslam_stage.errors import PipelineError, nearest
 from tomoslam_stage.methods import checked
 
 if TYPE_CHECKING:
-    from tomoslam_stage.stages import Stage, Work
+    from pathlib import Path
 
-    Stages: TypeAlias = Mapping[str, type[Stage]]
+    from tomoslam_stage.products import Scan, Values
+    from tomoslam_stage.stages import Modules, Stage, Work
 
-__all__ = ["Entry", "apply_settings", "check", "load_pipeline", "pipeline_names", "run"]
+__all__ = [
+    "Entry",
+    "apply_settings",
+    "check",
+    "check_on_scan",
+    "load_pipeline",
+    "pipeline_names",
+    "run",
+]
 
 log = logging.getLogger(__name__)
 
@@ -33,7 +43,7 @@ SAVE_RESULT = "%s: save_result changes nothing here; the parameters of %s say wh
 REFERENCE = re.compile(r"\$\{\{\s*([\w-]+)\.side_outputs\.([\w-]+)\s*\}\}")
 
 
-def check(entries: Sequence[Entry], stages: Stages) -> list[Stage]:
+def check(entries: Sequence[Entry], modules: Modules) -> list[Stage]:
     """Build the stage of every entry, or say what is wrong with the first that cannot run.
 
     Parameters that refer to side outputs are left at their defaults: their values are known,
@@ -43,12 +53,14 @@ def check(entries: Sequence[Entry], stages: Stages) -> list[Stage]:
     ------
     PipelineError
         For a module, method, parameter, value, order or reference that cannot be right.
+    BackendMissingError
+        For an entry that needs what is not installed.
     """
     made: set[str] = set()
     built = []
     for position, entry in enumerate(entries):
-        cls = _class_of(entry, stages)
-        _check_order(entry, cls, made, stages)
+        cls = _class_of(entry, modules)
+        _check_order(entry, cls, made, modules)
         _check_side_outputs(entry, cls)
         references = _references(entry, entries[:position])
         given = {k: v for k, v in entry.parameters.items() if k not in references}
@@ -56,7 +68,63 @@ def check(entries: Sequence[Entry], stages: Stages) -> list[Stage]:
         if entry.save_result is not None:
             log.warning(SAVE_RESULT, entry.origin("save_result"), entry.method)
         made.update(_declared(cls, "makes"))
+    _check_values(entries, built)
     return built
+
+
+def check_on_scan(entries: Sequence[Entry], modules: Modules, path: Path) -> Scan:
+    """Check all entries, and whether they fit the scan at `path`, which is only read.
+
+    Raises
+    ------
+    StageError
+        As `check` does, and for a scan that cannot be used.
+    """
+    from tomoslam_stage.stages import Fitted, Loader
+
+    built = check(entries, modules)
+    loader = next((stage for stage in built if isinstance(stage, Loader)), None)
+    if loader is None:
+        raise PipelineError(entries[0].where, "no entry loads a scan.", "Begin with load_scan.")
+    scan = loader.opened(path)
+    _check_values(entries, built, (scan.values,))
+    for entry, stage in zip(entries, built, strict=True):
+        if isinstance(stage, Fitted):
+            with _told_where(entry):
+                stage.check_fits(scan)
+    return scan
+
+
+@contextmanager
+def _told_where(entry: Entry) -> Iterator[None]:
+    """Say of a refusal, which begins with ``stage.parameter``, where that was written."""
+    try:
+        yield
+    except PipelineError as error:
+        parameter = str(error).partition(":")[0].rpartition(".")[2]
+        raise PipelineError(entry.origin(f"parameters.{parameter}"), str(error)) from error
+
+
+def _check_values(
+    entries: Sequence[Entry], built: Sequence[Stage], loaded: tuple[Values, ...] | None = None
+) -> None:
+    """Follow what the projections hold from entry to entry: the logarithm is taken only once.
+
+    `loaded` is what the scan is known to hold; without it, whatever its loader may leave.
+    """
+    values: tuple[Values, ...] = ()
+    for entry, stage in zip(entries, built, strict=True):
+        takes = getattr(stage, "takes", values)
+        taken = [value for value in values if value in takes]
+        if values and not taken:
+            found = f"{entry.name} takes {_listed(takes)}, and gets {_listed(values)} here."
+            raise PipelineError(entry.where, found, "Leave it out, or put it elsewhere.")
+        made = tuple(getattr(stage, "leaves", taken))
+        values = loaded if loaded and not values else made
+
+
+def _listed(values: Sequence[Values]) -> str:
+    return " or ".join(value.replace("_", " ") for value in values)
 
 
 def _declared(cls: type[Stage], name: str) -> tuple[str, ...]:
@@ -64,22 +132,27 @@ def _declared(cls: type[Stage], name: str) -> tuple[str, ...]:
     return tuple(getattr(cls, name, ()))
 
 
-def _class_of(entry: Entry, stages: Stages) -> type[Stage]:
-    if entry.module_path != OURS:
-        found = f"the module_path {entry.module_path!r} is not taken; {OURS} is the only one."
-        raise PipelineError(entry.origin("module_path"), found)
-    if entry.method not in stages:
-        found = f"{OURS} has no method {entry.method!r}."
-        raise PipelineError(entry.origin("method"), found, nearest(entry.method, stages))
-    return stages[entry.method]
+def _class_of(entry: Entry, modules: Modules) -> type[Stage]:
+    path, name = entry.module_path, entry.method
+    if path not in modules:
+        found = f"the module_path {path!r} is not taken."
+        raise PipelineError(entry.origin("module_path"), found, nearest(path, modules))
+    module = modules[path]
+    if name in module.refused:
+        found = f"{path}.{name} can be no entry: it {module.refused[name]}."
+        raise PipelineError(entry.origin("method"), found)
+    if name not in module.stages:
+        found = f"{path} has no method {name!r}."
+        raise PipelineError(entry.origin("method"), found, nearest(name, module.stages))
+    module.require(entry.origin("method"))
+    return module.stages[name]
 
 
-def _check_order(entry: Entry, cls: type[Stage], made: set[str], stages: Stages) -> None:
+def _check_order(entry: Entry, cls: type[Stage], made: set[str], modules: Modules) -> None:
     for product in _declared(cls, "needs"):
         if product not in made:
-            makers = [
-                name for name, maker in stages.items() if product in _declared(maker, "makes")
-            ]
+            ours = modules[OURS].stages
+            makers = [name for name, maker in ours.items() if product in _declared(maker, "makes")]
             found = f"{entry.name} needs the {product}, which no earlier entry makes."
             remedy = f"Put {' or '.join(makers)} before it." if makers else ""
             raise PipelineError(entry.where, found, remedy)
@@ -142,16 +215,16 @@ def _blamed(entry: Entry, cls: type[Stage], parameters: Mapping[str, Any], messa
     return entry.where
 
 
-def run(entries: Sequence[Entry], work: Work, stages: Stages) -> None:
+def run(entries: Sequence[Entry], work: Work, modules: Modules) -> None:
     """Check all entries, then run them in order on `work`.
 
     A failure stops the entries that need what the failed one should have made, and no others:
     a report that cannot be drawn does not cost the angles, nor the other way round. The first
     failure is raised once the others have run.
     """
-    built = check(entries, stages)
+    built = check(entries, modules)
     work.pipeline[:] = [described(e, stage) for e, stage in zip(entries, built, strict=True)]
-    state = _Run(entries, work, stages)
+    state = _Run(entries, work, modules)
     for position in range(len(entries)):
         state.attempt(position)
     for error in state.failures.values():
@@ -164,7 +237,7 @@ class _Run:
 
     entries: Sequence[Entry]
     work: Work
-    stages: Stages
+    modules: Modules
     outputs: dict[tuple[str, str], Any] = field(default_factory=dict)
     """(id, name) -> value of a side output."""
     lost: set[str] = field(default_factory=set)
@@ -175,7 +248,7 @@ class _Run:
     def attempt(self, position: int) -> None:
         """Run an entry unless what it needs is lost; keep its failure for later."""
         entry = self.entries[position]
-        cls = self.stages[entry.method]
+        cls = _class_of(entry, self.modules)
         references = _references(entry, self.entries[:position])
         needs = {*_declared(cls, "needs"), *(_outputs_of(id_) for id_, _ in references.values())}
         makes = {*_declared(cls, "makes"), _outputs_of(entry.name)}
@@ -196,7 +269,7 @@ class _Run:
     def _run(self, position: int, references: Mapping[str, tuple[str, str]]) -> None:
         entry = self.entries[position]
         values = {key: self.outputs[source] for key, source in references.items()}
-        stage = _built(entry, self.stages[entry.method], {**entry.parameters, **values})
+        stage = _built(entry, _class_of(entry, self.modules), {**entry.parameters, **values})
         begin, known = perf_counter(), sum(self.work.seconds.values())
         try:
             given = stage.run(self.work)

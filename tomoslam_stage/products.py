@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ Floats: TypeAlias = NDArray[np.float64]
 Pixels: TypeAlias = NDArray[np.float32]
 Integers: TypeAlias = NDArray[np.intp]
 Status: TypeAlias = Literal["accepted", "kept"]
+Values: TypeAlias = Literal["counts", "transmission", "line_integrals"]
 
 
 class ProjectionSource(Protocol):
@@ -40,8 +41,31 @@ class ProjectionSource(Protocol):
         ...
 
     def read(self, projections: Integers, rows: Integers) -> Pixels:
-        """Line integrals (projection, row, column) of the chosen projections and rows."""
+        """Values (projection, row, column), float32, of the chosen projections and rows."""
         ...
+
+
+class Conversion(Protocol):
+    """Makes line integrals of what a detector stored."""
+
+    kind: ClassVar[Values]
+    """What it takes."""
+
+    def __call__(self, raw: Pixels, projections: Integers, rows: Integers, /) -> Pixels:
+        """Line integrals of `raw` (p, r, c), which may be changed in place."""
+        ...
+
+
+@dataclass(frozen=True)
+class Raw:
+    """What is needed to make line integrals of projections that are none yet."""
+
+    conversion: Conversion
+    """Makes them, where the pipeline does not."""
+    flats: ProjectionSource | None = None
+    """(f, row, column) the beam without the object, counts."""
+    darks: ProjectionSource | None = None
+    """(f, row, column) the detector without the beam, counts."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +73,7 @@ class Scan:
     """A scan as it was recorded; its projections are read when they are asked for."""
 
     source: ProjectionSource
-    """Line integrals, one projection per entry of `theta`."""
+    """Line integrals (but see `raw`), one projection per entry of `theta`."""
     theta: Floats
     """(n,) radians, unwrapped: the recorded angles."""
     frames: Integers
@@ -60,6 +84,8 @@ class Scan:
     """The file, where there is one."""
     binning: int = 1
     """Detector pixels of the file in one pixel of `source`, along rows and columns."""
+    raw: Raw | None = None
+    """Where `source` still gives what the detector stored; None once these are line integrals."""
 
     def __post_init__(self) -> None:
         n = self.source.shape[0]
@@ -68,6 +94,11 @@ class Scan:
                 f"{n} projections need {n} angles and {n} frames; "
                 f"found {self.theta.shape} and {self.frames.shape}"
             )
+
+    @property
+    def values(self) -> Values:
+        """What `source` gives."""
+        return "line_integrals" if self.raw is None else self.raw.conversion.kind
 
     @property
     def n_projections(self) -> int:
@@ -254,11 +285,14 @@ class Reconstruction:
     slices: Pixels
     """(r, z, x) attenuation per pixel."""
     method: str
-    """Backend and algorithm, for instance ``finufft fbp``."""
+    """Backend and algorithm, for instance ``embedded fbp``."""
+    convergence: Floats = field(default_factory=lambda: np.empty(0))
+    """(iterations,) rms of what is left of the sinograms; empty where nothing iterates."""
 
 
 Reconstructions: TypeAlias = Mapping[str, Reconstruction]
-"""By name: ``recorded``, ``refined`` and, for simulated scans, ``true``."""
+"""By name: ``recorded``, ``refined`` and, for simulated scans, ``true``; with ``_even`` or ``_odd``
+after the name from every other projection alone."""
 
 
 @dataclass(frozen=True)
@@ -273,11 +307,21 @@ class Truth:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Numbers that compare the reconstructions; it never decides anything by itself."""
+    """Numbers that compare the reconstructions by name, all shown without a verdict."""
 
-    residual: Mapping[str, Floats]
-    """By name of the reconstruction: (n,) reprojection residual of each projection, rms."""
     sharpness: Mapping[str, Mapping[str, float]]
-    """Metric -> name of the reconstruction -> value; shown without a verdict."""
+    """Metric -> name of the reconstruction -> value."""
     errors: Mapping[str, float] = field(default_factory=dict)
     """Against the truth, where the scan is simulated: degrees, and the ratio of equation 7."""
+    similarity: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Metric -> name -> value: ``psnr`` (dB) and ``ssim`` against the slices of the true angles."""
+    frc_frequency: Floats = field(default_factory=lambda: np.empty(0))
+    """(f,) cycles per px."""
+    frc_threshold: Floats = field(default_factory=lambda: np.empty(0))
+    """(f,) the correlation that the resolution is read off at."""
+    frc: Mapping[str, Floats] = field(default_factory=dict)
+    """Name -> (f,) correlation of its even with its odd half; empty where there are no halves."""
+    frc_resolution_px: Mapping[str, float] = field(default_factory=dict)
+    """Name -> px: period at which `frc` first falls below the threshold."""
+    edge_width_px: Mapping[str, float] = field(default_factory=dict)
+    """Name -> px in which the most changed edge rises from 10 to 90 %; nan where it does not."""

@@ -12,20 +12,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
+from tomoslam_stage.geometry import angular_weights
+from tomoslam_stage.images import ramp, tapered
+from tomoslam_stage.parallel import in_blocks
+
 if TYPE_CHECKING:
+    from tomoslam_stage.images import Window
     from tomoslam_stage.products import Floats, Pixels
 
-Window: TypeAlias = Literal["ram-lak", "shepp-logan", "hann"]
 Spectrum: TypeAlias = NDArray[np.complex64]
 
 ACCURACY = 1e-5
 """Relative error of the transforms; single precision allows little more."""
+SLOW_SIDE = 128
+"""A side of the fine grid that is a multiple of this makes the transforms slow."""
+REACH = 0.75
+"""Widths of the detector that an object may go on for beyond either of its ends."""
+FAINT = 0.03
+"""Share of the highest column, in the mean over the projections, that passes for air."""
+BODY = 0.2
+"""Share of a projection's highest column from which on a column shows the body of the object."""
+END = 5
+"""Columns whose mean tells where a projection ends."""
 
 
 @dataclass(frozen=True)
@@ -103,19 +117,30 @@ class Radon:
         cycles = np.outer(offset, self._frequencies)
         return np.asarray(np.exp(-2j * np.pi * cycles), np.complex64)
 
+    @cached_property
+    def _margin(self) -> int:
+        """Px added around a slice, so that the transforms run on a grid that suits the cache.
+
+        A fine grid whose side is a multiple of a large power of two takes up to three times as
+        long.
+        """
+        return next(k for k in range(64) if fine_grid(self.size + 2 * k) % SLOW_SIDE)
+
     def _plan(self, kind: int, count: int) -> Any:
         """Plan `count` transforms: kind 2 evaluates radial lines, kind 1, its adjoint, spreads."""
         import finufft
 
         sign = -1 if kind == 2 else 1
-        shape = (self.size, self.size)
+        shape = (self.size + 2 * self._margin,) * 2
         plan = finufft.Plan(kind, shape, count, ACCURACY, sign, dtype="complex64", nthreads=1)
         plan.setpts(*self._points)
         return plan
 
     def _radial_lines(self, slices: Pixels) -> Spectrum:
         """(r, n, f) Fourier transform of `slices` (r, z, x) on the radial lines."""
-        lines: Spectrum = self._plan(2, len(slices)).execute(slices.astype(np.complex64))
+        around = ((0, 0), (self._margin,) * 2, (self._margin,) * 2)
+        wide = np.pad(slices.astype(np.complex64), around)
+        lines: Spectrum = self._plan(2, len(slices)).execute(wide)
         return lines.reshape(len(slices), len(self.theta), -1)
 
     def _detector(self, spectrum: NDArray[Any]) -> Pixels:
@@ -129,45 +154,89 @@ class Radon:
         both[[0, -1]] = 1 / self._length
         weighted = (spectrum * self._shift.conj() * both).astype(np.complex64)
         spread = self._plan(1, len(spectrum)).execute(weighted.reshape(len(spectrum), -1))
-        return np.ascontiguousarray(spread.real, dtype=np.float32)
+        inner = slice(self._margin, self._margin + self.size)
+        return np.ascontiguousarray(spread.real[:, inner, inner], dtype=np.float32)
 
 
-def angular_weights(theta: Floats) -> Floats:
-    """(n,) radians: the share of the half turn that each projection stands for.
+def fine_grid(size: int) -> int:
+    """Side of the grid, twice oversampled, that transforms of `size` px run on inside finufft."""
+    return 2 * int(next_fast_len(size, real=True))
 
-    Half the gap to either neighbour, modulo a half turn; the weights add up to pi.
+
+def reach_beyond(sinograms: Pixels) -> int:
+    """Columns that the object goes on for beyond either end of `sinograms` (r, n, column).
+
+    None where both ends show air. Otherwise as far as what `continued` adds is more than `FAINT`,
+    in the mean over the projections, which noise does not move.
     """
-    folded = np.mod(theta, np.pi)
-    order = np.argsort(folded, kind="stable")
-    gaps = np.diff(folded[order], append=folded[order[0]] + np.pi)
-    weights = np.empty_like(folded)
-    weights[order] = (gaps + np.roll(gaps, 1)) / 2
-    return weights
+    columns = sinograms.shape[-1]
+    mean = sinograms.mean(axis=1, dtype=np.float64)
+    faint = FAINT * mean.max(axis=-1, keepdims=True)
+    ends = np.stack([mean[:, :END].mean(axis=-1), mean[:, -END:].mean(axis=-1)], axis=-1)
+    if not (ends > faint).any():
+        return 0
+    reach = round(REACH * columns)
+
+    def added(block: Pixels) -> Floats:
+        wide = continued(block, reach).mean(axis=1, dtype=np.float64)
+        return np.asarray(np.maximum(wide[:, :reach][:, ::-1], wide[:, -reach:]))
+
+    over = (in_blocks(added, sinograms) > faint).any(axis=0)
+    return int(np.flatnonzero(over)[-1]) + 1 if over.any() else 0
 
 
-def ramp(length: int, window: Window) -> Floats:
-    """(length // 2 + 1,) the discrete ramp of Ram and Lak, times a window.
+def object_reach(sinograms: Pixels, axis: float, beyond: int) -> float:
+    """Px from the axis to the farthest column that shows more than `FAINT`.
 
-    Kak and Slaney, Principles of Computerized Tomographic Imaging (1988), equation 3-61.
+    Counted from the outermost columns where the object goes on for `beyond` more.
     """
-    column = np.minimum(np.arange(length), length - np.arange(length))
-    kernel = np.zeros(length)
-    kernel[0] = 0.25
-    odd = column % 2 == 1
-    kernel[odd] = -1 / (np.pi * column[odd]) ** 2
-    frequencies = np.fft.rfftfreq(length)
-    windows: dict[Window, Floats] = {
-        "ram-lak": np.ones_like(frequencies),
-        "shepp-logan": np.sinc(frequencies),
-        "hann": 0.5 + 0.5 * np.cos(2 * np.pi * frequencies),
-    }
-    return np.asarray(rfft(kernel).real * windows[window])
+    mean = sinograms.mean(axis=1, dtype=np.float64)
+    shown = (mean > FAINT * mean.max(axis=-1, keepdims=True)).any(axis=0)
+    if beyond:
+        shown[[0, -1]] = True
+    distance = np.abs(np.flatnonzero(shown) - axis)
+    return float(distance.max(initial=0)) + beyond
 
 
-def tapered(sinograms: Pixels, before: int, length: int) -> Pixels:
-    """Pad the columns to `length`, `before` of them on the left, the end values falling to zero."""
-    after = length - before - sinograms.shape[-1]
-    padded = np.pad(sinograms, ((0, 0), (0, 0), (before, after)), mode="edge")
-    padded[..., :before] *= 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, before, endpoint=False))
-    padded[..., length - after :] *= 0.5 + 0.5 * np.cos(np.linspace(0, np.pi, after + 1))[1:]
-    return padded
+def continued(sinograms: Pixels, by: int) -> Pixels:
+    """(r, n, column + 2 by) `sinograms` (r, n, column) as if the detector were wider.
+
+    Each end goes on as the chords of an ellipse do, whose squares are a parabola: through the mean
+    of the last `END` columns, and otherwise the one that fits the whole projection best. It ends
+    within `REACH`. (Hsieh et al., Med. Phys. 31 (2004) 2385, fit a cylinder to the end alone.)
+    """
+    if by == 0:
+        return sinograms
+    left = _beyond_the_last(sinograms[..., ::-1])[..., :by][..., ::-1]
+    right = _beyond_the_last(sinograms)[..., :by]
+    return np.concatenate([left, sinograms, right], axis=-1)
+
+
+def _beyond_the_last(sinograms: Pixels) -> Pixels:
+    """(r, n, column) what follows the last column, until `REACH`."""
+    columns = sinograms.shape[-1]
+    end = np.maximum(sinograms[..., -END:].mean(axis=-1, keepdims=True, dtype=np.float64), 0)
+    middle = -(END - 1) / 2 / columns
+    slope, bend = _fitted_parabola(sinograms)
+    # Neither rises again, nor is it still there at the end of its reach.
+    slope = np.minimum(slope, 0)
+    bend = np.minimum(bend, -(end**2) / (REACH**2 - middle**2))
+    along = np.arange(1, round(REACH * columns) + 1) / columns
+    squares = end**2 + slope * (along - middle) + bend * (along**2 - middle**2)
+    return np.asarray(np.sqrt(np.maximum(squares, 0)), np.float32)
+
+
+def _fitted_parabola(sinograms: Pixels) -> tuple[Floats, Floats]:
+    """(r, n, 1) slope at the last column and bend of the squares, in widths of the detector.
+
+    Only columns with more than `BODY` of the highest one count, so that air does not.
+    """
+    columns = sinograms.shape[-1]
+    powers = (np.arange(1.0 - columns, 1.0) / columns)[:, None] ** np.arange(5)
+    body = sinograms > BODY * sinograms.max(axis=-1, keepdims=True)
+    moments = body.astype(np.float64) @ powers
+    normal = moments[..., np.add.outer(np.arange(3), np.arange(3))]
+    squares = np.where(body, sinograms, 0).astype(np.float64) ** 2 @ powers[:, :3]
+    # The ridge is for projections that show nothing; it moves no others.
+    fit = np.linalg.solve(normal + 1e-9 * columns * np.eye(3), squares[..., None])
+    return fit[..., 1, :], fit[..., 2, :]

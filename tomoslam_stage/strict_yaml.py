@@ -26,6 +26,8 @@ MAX_VALUES = 10_000
 MAX_DEPTH = 20
 
 CORE = "tag:yaml.org,2002:"
+SWEEPS = ("!Sweep", "!SweepRange")
+"""HTTomo's tags for many values of one parameter."""
 MERGE = f"{CORE}merge"
 PLAIN_TAGS: dict[type[yaml.Node], set[str]] = {
     yaml.ScalarNode: {CORE + name for name in ("null", "bool", "int", "float", "str")},
@@ -120,6 +122,9 @@ def _check(root: Node, at: Places) -> None:
 
 
 def _check_plain(node: Node, where: str) -> None:
+    if node.tag in SWEEPS:
+        found = f"{node.tag} is not taken: one run refines a scan with one value of each parameter."
+        raise PipelineError(where, found, "Give one value, and run once for each of the others.")
     if node.tag not in PLAIN_TAGS[type(node)]:
         tag = node.tag.replace(CORE, "!!")
         raise PipelineError(where, f"the tag {tag} is not taken; only plain values are.")

@@ -48,7 +48,7 @@ def a_slice(z: float, x: float) -> Pixels:
 def the_reconstruction(theta: Floats, x: float) -> Reconstruction:
     z = DETAIL[0]
     slices = np.stack([a_slice(z, DETAIL[1]), a_slice(z, x), a_slice(z, DETAIL[1])])
-    return Reconstruction(theta, 39.5, np.array([2, 7, 11]), slices, "finufft fbp")
+    return Reconstruction(theta, 39.5, np.array([2, 7, 11]), slices, "embedded fbp")
 
 
 @pytest.fixture
@@ -77,6 +77,10 @@ def refinement(truth: Truth) -> Refinement:
             residual_gain_sigma=7.5,
         ),
         counts={"features": 321, "sightings": 4321},
+        reprojection={
+            "recorded": np.full(PROJECTIONS, 0.05),
+            "refined": np.full(PROJECTIONS, 0.04),
+        },
         heldout_rows=np.array([3, 8]),
     )
 
@@ -95,24 +99,36 @@ def reconstructions(refinement: Refinement) -> Reconstructions:
 
 
 @pytest.fixture
-def residual() -> dict[str, Floats]:
-    return {"recorded": np.full(PROJECTIONS, 0.05), "refined": np.full(PROJECTIONS, 0.04)}
-
-
-@pytest.fixture
-def findings(
-    refinement: Refinement, reconstructions: Reconstructions, residual: dict[str, Floats]
-) -> Findings:
+def findings(refinement: Refinement, reconstructions: Reconstructions) -> Findings:
     scan = Scan(UnreadableSource(), refinement.recorded, np.arange(PROJECTIONS), name="a$b$.h5")
-    comparison = compare(refinement, reconstructions, residual)
+    comparison = compare(refinement, reconstructions)
     return Findings(scan, refinement, reconstructions, comparison)
 
 
 @pytest.fixture
 def with_truth(findings: Findings, truth: Truth) -> Findings:
-    made = findings.reconstructions
-    comparison = compare(findings.refinement, made, findings.comparison.residual, truth)
+    comparison = compare(findings.refinement, findings.reconstructions, truth)
     return replace(findings, comparison=comparison, truth=truth)
+
+
+@pytest.fixture
+def complete(findings: Findings, truth: Truth) -> Findings:
+    """All there can be: slices of the true angles, too, halves of the middle one, convergence."""
+    made = dict(findings.reconstructions)
+    rng = np.random.default_rng(3)
+    made["true"] = the_reconstruction(truth.theta, DETAIL[1])
+    noise = rng.normal(0, 1e-4, made["true"].slices.shape).astype(np.float32)
+    made["true"] = replace(made["true"], slices=made["true"].slices + noise)
+    for name in ("recorded", "refined", "true"):
+        whole = made[name]
+        made[name] = replace(whole, convergence=0.2 / np.arange(1, 31))
+        for ending in ("_even", "_odd"):
+            noise = rng.normal(0, 0.003, (1, SIDE, SIDE)).astype(np.float32)
+            made[name + ending] = replace(
+                whole, rows=whole.rows[1:2], slices=whole.slices[1:2] + noise
+            )
+    comparison = compare(findings.refinement, made, truth)
+    return replace(findings, reconstructions=made, comparison=comparison, truth=truth)
 
 
 @pytest.fixture
@@ -139,6 +155,6 @@ def tiny() -> Callable[[int], Findings]:
         made = Reconstruction(theta, 1.0, np.array([0]), np.zeros((1, 3, 3), np.float32), "none")
         both = {"recorded": made, "refined": made}
         scan = Scan(source, theta, np.arange(projections))
-        return Findings(scan, refinement, both, compare(refinement, both, {}))
+        return Findings(scan, refinement, both, compare(refinement, both))
 
     return made

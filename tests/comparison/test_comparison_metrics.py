@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomoslam_stage.comparison import SHARPNESS, compare
+from tomoslam_stage.comparison import SHARPNESS, Findings, compare
 from tomoslam_stage.comparison.metrics import difference_of_angles
 from tomoslam_stage.comparison.regions import disc, grey_limits, material, most_changed_window
-from tomoslam_stage.products import Floats, Reconstructions, Refinement, Truth
+from tomoslam_stage.products import Reconstructions, Refinement, Truth
 
+BOTH = ("recorded", "refined")
 AXES = {"recorded": 39.5, "refined": 39.5}
 
 
@@ -39,17 +40,18 @@ def test_gradient_figures_know_a_ramp() -> None:
     assert SHARPNESS["gradient_energy"](ramp, inside) == pytest.approx(0.25)
 
 
-def test_truth_changes_nothing_but_the_errors(
-    refinement: Refinement,
-    reconstructions: Reconstructions,
-    residual: dict[str, Floats],
-    truth: Truth,
-) -> None:
-    blind = compare(refinement, reconstructions, residual)
-    informed = compare(refinement, reconstructions, residual, truth)
-    assert blind.errors == {}
+def test_truth_changes_nothing_but_the_errors(refinement: Refinement, complete: Findings) -> None:
+    made = {n: one for n, one in complete.reconstructions.items() if not n.startswith("true")}
+    blind, informed = compare(refinement, made), complete.comparison
+    assert blind.errors == blind.similarity == {}
     assert informed.errors
-    assert replace(informed, errors={}) == blind
+    assert set(informed.similarity["psnr"]) == set(informed.similarity["ssim"]) == set(BOTH)
+    for name in BOTH:
+        np.testing.assert_array_equal(blind.frc[name], informed.frc[name])
+        assert blind.frc_resolution_px[name] == informed.frc_resolution_px[name]
+        assert blind.edge_width_px[name] == informed.edge_width_px[name]
+        for metric, values in blind.sharpness.items():
+            assert values[name] == informed.sharpness[metric][name]
 
 
 def test_errors_are_those_of_equation_7_and_with_the_mean_removed(truth: Truth) -> None:
@@ -59,7 +61,7 @@ def test_errors_are_those_of_equation_7_and_with_the_mean_removed(truth: Truth) 
     refinement = Refinement(
         truth.theta + drift + offset, truth.theta + drift / 4, drift, "accepted", "", AXES
     )
-    errors = compare(refinement, {}, {}, truth).errors
+    errors = compare(refinement, {}, truth).errors
     assert errors["recorded_rms_deg"] == pytest.approx(0.3 * np.std(np.linspace(0, 1, n)))
     rms_first_fixed = 0.3 * np.sqrt(np.mean(np.linspace(0, 1, n) ** 2))
     assert errors["recorded_rms_first_fixed_deg"] == pytest.approx(rms_first_fixed)
@@ -69,14 +71,14 @@ def test_errors_are_those_of_equation_7_and_with_the_mean_removed(truth: Truth) 
 
 def test_error_ratio_is_one_where_recorded_angles_are_exact_and_stay(truth: Truth) -> None:
     same = Refinement(truth.theta, truth.theta, truth.theta * 0, "kept", "", AXES)
-    assert compare(same, {}, {}, truth).errors["error_ratio"] == 1
+    assert compare(same, {}, truth).errors["error_ratio"] == 1
 
 
 def test_error_ratio_is_infinite_where_refined_angles_are_exact(
     refinement: Refinement, truth: Truth
 ) -> None:
     exact = replace(refinement, refined=truth.theta)
-    assert compare(exact, {}, {}, truth).errors["error_ratio"] == np.inf
+    assert compare(exact, {}, truth).errors["error_ratio"] == np.inf
 
 
 def test_whole_turns_of_single_projections_are_no_errors() -> None:
@@ -87,10 +89,11 @@ def test_whole_turns_of_single_projections_are_no_errors() -> None:
 
 @pytest.mark.parametrize("name", ["residual", "truth"])
 def test_lengths_that_differ_are_refused(refinement: Refinement, name: str) -> None:
-    residual = {"recorded": np.ones(3)} if name == "residual" else {}
+    if name == "residual":
+        refinement = replace(refinement, reprojection={"recorded": np.ones(3)})
     truth = Truth(np.ones(3)) if name == "truth" else None
     with pytest.raises(ValueError, match=r"\(3,\) values for \(90,\) angles"):
-        compare(refinement, {}, residual, truth)
+        compare(refinement, {}, truth)
 
 
 def test_slices_of_different_rows_are_not_compared(
@@ -98,7 +101,24 @@ def test_slices_of_different_rows_are_not_compared(
 ) -> None:
     other = replace(reconstructions["refined"], rows=np.array([2, 7, 12]))
     with pytest.raises(ValueError, match="same rows and size"):
-        compare(refinement, {**reconstructions, "refined": other}, {})
+        compare(refinement, {**reconstructions, "refined": other})
+
+
+def test_halves_may_have_fewer_rows_but_all_of_them_the_same(
+    refinement: Refinement, complete: Findings
+) -> None:
+    made = dict(complete.reconstructions)
+    assert made["recorded_odd"].rows.tolist() == [7]
+    made["recorded_odd"] = replace(made["recorded_odd"], rows=np.array([2]))
+    with pytest.raises(ValueError, match=r"same rows.*rows \(7,\).*recorded_odd: rows \(2,\)"):
+        compare(refinement, made)
+
+
+def test_a_half_without_the_other_is_not_correlated(
+    refinement: Refinement, complete: Findings
+) -> None:
+    made = {n: one for n, one in complete.reconstructions.items() if n != "refined_odd"}
+    assert set(compare(refinement, made).frc) == {"recorded", "true"}
 
 
 def test_the_most_changed_window_is_found_and_what_lies_outside_the_disc_is_not() -> None:

@@ -11,7 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from tomoslam_stage.comparison import Findings, canvas, draw_comparison, draw_theta, pictures
+from tomoslam_stage.comparison import Findings, canvas, draw_comparison, draw_theta
+from tomoslam_stage.comparison import slices_picture as pictures
+from tomoslam_stage.comparison.graphs import GRAPHS_HEIGHT, graphs_of
+from tomoslam_stage.comparison.slice_pairs import slice_pairs
+from tomoslam_stage.comparison.theta_picture import abscissa
 from tomoslam_stage.products import Floats
 
 DETAIL = (30, 52)
@@ -36,11 +40,11 @@ def test_comparison_is_1600_px_wide_and_nothing_is_cut_off(
 ) -> None:
     draw_comparison(tmp_path / "c.png", findings)
     assert_nothing_is_cut_off(tmp_path / "c.png")
-    assert 1000 < pixels(tmp_path / "c.png").shape[0] < 1400
+    assert 1500 < pixels(tmp_path / "c.png").shape[0] < 2000
 
 
 def test_the_row_that_changed_most_is_drawn_by_default(findings: Findings) -> None:
-    (pair,) = pictures.slice_pairs(findings, None)
+    (pair,) = slice_pairs(findings, None)
     assert pair.label == "detector row 7"
     top, left, side = pair.window
     assert top <= DETAIL[0] < top + side
@@ -48,10 +52,6 @@ def test_the_row_that_changed_most_is_drawn_by_default(findings: Findings) -> No
 
 
 def test_chosen_rows_are_drawn_below_each_other(tmp_path: Path, findings: Findings) -> None:
-    assert [p.label for p in pictures.slice_pairs(findings, [11, 2])] == [
-        "detector row 2",
-        "detector row 11",
-    ]
     draw_comparison(tmp_path / "one.png", findings, rows=[7])
     draw_comparison(tmp_path / "two.png", findings, rows=[7, 2])
     one, two = (pixels(tmp_path / f"{n}.png").shape[0] for n in ("one", "two"))
@@ -63,9 +63,8 @@ def test_of_many_rows_three_are_drawn_the_most_changed_among_them(findings: Find
         name: replace(made, rows=np.arange(5), slices=made.slices[[0, 0, 0, 0, 1]])
         for name, made in findings.reconstructions.items()
     }
-    pairs = pictures.slice_pairs(replace(findings, reconstructions=both), range(5))
-    assert len(pairs) == 3
-    assert pairs[-1].label == "detector row 4"
+    pairs = slice_pairs(replace(findings, reconstructions=both), range(5))
+    assert [pair.row for pair in pairs] == [4, 0, 1]
 
 
 def test_a_row_without_a_slice_is_refused(tmp_path: Path, findings: Findings) -> None:
@@ -85,9 +84,9 @@ def test_recorded_refined_and_true_share_one_grey_scale_that_truth_does_not_move
 ) -> None:
     made = findings.reconstructions
     bright = replace(made["refined"], slices=made["refined"].slices * 50)
-    (without,) = pictures.slice_pairs(findings, None)
+    (without,) = slice_pairs(findings, None)
     informed = replace(findings, reconstructions={**made, "true": bright})
-    (pair,) = pictures.slice_pairs(informed, None)
+    (pair,) = slice_pairs(informed, None)
     scales = [pictures.scale(pair, name) for name in ("recorded", "refined", "true")]
     assert scales == [pictures.scale(without, "recorded")] * 3
     assert pair.window == without.window
@@ -97,12 +96,12 @@ def test_recorded_refined_and_true_share_one_grey_scale_that_truth_does_not_move
 def test_the_grey_scale_reaches_the_brightest_of_both_slices(findings: Findings, name: str) -> None:
     made = findings.reconstructions
     bright = replace(made[name], slices=made[name].slices * 3)
-    (pair,) = pictures.slice_pairs(replace(findings, reconstructions={**made, name: bright}), [7])
+    (pair,) = slice_pairs(replace(findings, reconstructions={**made, name: bright}), [7])
     assert pair.limits == pytest.approx((0, 0.09))
 
 
 def test_the_scale_of_the_difference_is_symmetric(findings: Findings) -> None:
-    (pair,) = pictures.slice_pairs(findings, None)
+    (pair,) = slice_pairs(findings, None)
     scale = pictures.scale(pair, "difference")
     assert scale["vmin"] == -scale["vmax"]
     assert scale["vmax"] == pytest.approx(0.02)
@@ -117,7 +116,7 @@ def test_equal_values_are_drawn_in_the_same_grey_however_bright_a_new_detail_is(
     changed = replace(findings, reconstructions={**made, "refined": bright})
     draw_comparison(tmp_path / "c.png", changed, rows=[7])
     page = pixels(tmp_path / "c.png")
-    top = page.shape[0] - round((pictures.BLOCK - 0.5) * canvas.DPI)
+    top = page.shape[0] - round((GRAPHS_HEIGHT + pictures.BLOCK - 0.5) * canvas.DPI)
     # Of both slices the part below the middle, where nothing but the even body is.
     row = top + round(0.7 * pictures.IMAGE * canvas.DPI)
     recorded, refined = (
@@ -127,9 +126,48 @@ def test_equal_values_are_drawn_in_the_same_grey_however_bright_a_new_detail_is(
     assert 0 < recorded[0] < 100
 
 
+def test_all_that_there_can_be_is_drawn_whole(tmp_path: Path, complete: Findings) -> None:
+    draw_comparison(tmp_path / "c.png", complete)
+    assert_nothing_is_cut_off(tmp_path / "c.png")
+
+
+def test_panels_of_curves_appear_with_what_they_show(
+    findings: Findings, complete: Findings, tiny: Callable[[int], Findings]
+) -> None:
+    def shown(which: Findings) -> list[list[str]]:
+        graphs = graphs_of(which, slice_pairs(which, None)[0])
+        return [[curve.name for curve in graph.curves] for graph in graphs]
+
+    names = ["recorded", "refined", "true"]
+    assert shown(complete) == [names, [*names, "threshold"], names]
+    assert shown(findings) == [names[:2]]
+    assert shown(tiny(3)) == []
+
+
+def test_the_legends_tell_the_numbers_of_the_report(complete: Findings) -> None:
+    edge, ring, convergence = graphs_of(complete, slice_pairs(complete, None)[0])
+    numbers = complete.comparison
+    for graph, widths in ((edge, numbers.edge_width_px), (ring, numbers.frc_resolution_px)):
+        for curve in graph.curves[:3]:
+            assert curve.label == f"{curve.name}: {widths[curve.name]:.3g} px"
+    assert convergence.curves[0].label == "recorded: 0.00667 in the end"
+
+
+def test_the_line_across_the_edge_does_not_widen_the_zoom(findings: Findings) -> None:
+    (pair,) = slice_pairs(findings, None)
+    figure = canvas.new_figure(4)
+    box = canvas.Box(1, 1, 2, 2)
+    image = pictures.draw_part(figure, box, pair, ("recorded", pair.window))
+    before = image.axes.get_xlim(), image.axes.get_ylim()
+    pictures.mark_edge(image.axes, pair)
+    figure.draw_without_rendering()
+    assert len(image.axes.lines) == 1
+    assert (image.axes.get_xlim(), image.axes.get_ylim()) == before
+
+
 def test_a_binned_row_is_named_by_the_rows_of_the_file(findings: Findings) -> None:
     binned = replace(findings, scan=replace(findings.scan, binning=4))
-    (pair,) = pictures.slice_pairs(binned, None)
+    (pair,) = slice_pairs(binned, None)
     assert pair.label == "detector rows 28 to 31"
 
 
@@ -219,6 +257,6 @@ def test_a_very_long_reason_is_broken_into_lines(tmp_path: Path, kept_findings: 
     ],
 )
 def test_angles_out_of_order_are_drawn_along_the_scan(recorded: Floats, label: str) -> None:
-    along, said = pictures.abscissa(recorded)
+    along, said = abscissa(recorded)
     assert said == label
     assert np.all(np.diff(along) > 0) == (not (recorded[0] > recorded[-1]))

@@ -15,7 +15,6 @@ from tomoslam_stage.comparison.findings import verdict
 from tomoslam_stage.comparison.report import plain
 from tomoslam_stage.comparison.writing import write_atomically
 from tomoslam_stage.errors import PipelineError
-from tomoslam_stage.products import Comparison
 
 FILES = {"comparison.png", "theta.png", "theta.txt", "report.json"}
 
@@ -104,13 +103,32 @@ def test_what_is_not_known_is_null(
     assert made["comparison"]["residual_gain_percent"] is None
 
 
-def test_truth_changes_nothing_in_the_report_but_the_errors(
-    findings: Findings, with_truth: Findings, run: Run
+def test_truth_changes_nothing_in_the_report_but_what_is_said_about_it(
+    findings: Findings, complete: Findings, run: Run
 ) -> None:
-    blind, informed = report(findings, run), report(with_truth, run)
-    assert informed["comparison"].pop("errors")["error_ratio"] > 1
-    blind["comparison"].pop("errors")
+    blind, informed = report(findings, run), report(complete, run)
+    numbers, others = informed.pop("comparison"), blind.pop("comparison")
     assert informed == blind
+    assert numbers["errors"]["error_ratio"] > 1
+    assert set(numbers["psnr"]) == set(numbers["ssim"]) == {"recorded", "refined"}
+    assert others["errors"] == others["psnr"] == others["ssim"] == {}
+    for key, value in others.items():
+        if key.startswith(("residual", "heldout")):
+            assert numbers[key] == value
+    for name in ("recorded", "refined"):
+        assert numbers["edge_width_px"][name] == others["edge_width_px"][name]
+
+
+def test_an_edge_that_cannot_be_measured_is_null_in_the_report(
+    findings: Findings, run: Run
+) -> None:
+    widths = {"recorded": np.nan, "refined": 2.5}
+    made = report(
+        replace(findings, comparison=replace(findings.comparison, edge_width_px=widths)), run
+    )
+    assert made["comparison"]["edge_width_px"] == {"recorded": None, "refined": 2.5}
+    words = " ".join(summary(made).split())
+    assert "width of the most changed edge unknown (recorded), 2.5 px (refined)" in words
 
 
 def test_without_reconstructions_an_old_comparison_goes(
@@ -189,25 +207,32 @@ def test_the_verdict_does_not_call_used_rows_unused(findings: Findings) -> None:
 
 
 def test_projections_without_a_residual_are_left_out_for_both(findings: Findings) -> None:
-    holed = {name: values.copy() for name, values in findings.comparison.residual.items()}
+    holed = {name: values.copy() for name, values in findings.refinement.reprojection.items()}
     holed["recorded"][:40] = np.nan
     holed["refined"][40] = 1e3
     holed["recorded"][40] = np.nan
-    comparison = Comparison(holed, {})
-    assert verdict(replace(findings, comparison=comparison)).endswith("−20.0 %")
+    refinement = replace(findings.refinement, reprojection=holed)
+    assert verdict(replace(findings, refinement=refinement)).endswith("−20.0 %")
 
 
-def test_the_summary_tells_a_scientist_what_happened(with_truth: Findings, run: Run) -> None:
-    text = summary(report(with_truth, run), Path("scan_tomoslam"))
+def test_no_figure_of_the_slices_moves_the_verdict(findings: Findings, complete: Findings) -> None:
+    assert complete.comparison != findings.comparison
+    assert verdict(complete) == verdict(findings)
+
+
+def test_the_summary_tells_a_scientist_what_happened(complete: Findings, run: Run) -> None:
+    text = summary(report(complete, run), Path("scan_tomoslam"))
     lines = text.splitlines()
     assert lines[0] == "a$b$.h5: the refined angles are accepted"
-    assert 8 <= len(lines) <= 14
+    assert 8 <= len(lines) <= 16
     assert max(map(len, lines)) <= 100
     for words in (
         "90 projections; changed by",
         "0.02 deg",
         "detector column 39.25",
         "0.05 (recorded), 0.04 (refined): -20.0 % (7.5 standard errors better)",
+        "px (refined); resolution by FRC of halves",
+        "dB (refined); SSIM 0.9",
         "error ratio",
         "321 features, 4321 sightings",
         "scan_tomoslam: comparison.png, theta.png",

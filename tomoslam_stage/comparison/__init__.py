@@ -1,23 +1,31 @@
 """Was it worth it: recorded and refined side by side, in pictures and in numbers.
 
-To add a sharpness figure, see `SHARPNESS` in `metrics.py`.
+To add a sharpness figure, see `SHARPNESS` in `metrics.py`; a figure of likeness to the true slices,
+`SIMILARITY` in `similarity.py`; a panel of curves, `graphs_of` in `graphs.py`.
 """
 
 from tomoslam_stage.comparison.findings import Findings, Run
-from tomoslam_stage.comparison.metrics import SHARPNESS, compare
-from tomoslam_stage.comparison.pictures import draw_comparison, draw_theta
+from tomoslam_stage.comparison.metrics import SHARPNESS, compare, compare_slices
+from tomoslam_stage.comparison.named import HALVES, wholes
 from tomoslam_stage.comparison.report import report, versions, write_report
+from tomoslam_stage.comparison.similarity import SIMILARITY
+from tomoslam_stage.comparison.slices_picture import draw_comparison
 from tomoslam_stage.comparison.summary import summary
+from tomoslam_stage.comparison.theta_picture import draw_theta
 
 __all__ = [
+    "HALVES",
     "SHARPNESS",
+    "SIMILARITY",
     "Findings",
     "Run",
     "compare",
+    "compare_slices",
     "draw_comparison",
     "draw_theta",
     "report",
     "summary",
     "versions",
+    "wholes",
     "write_report",
 ]

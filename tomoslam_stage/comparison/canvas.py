@@ -27,6 +27,7 @@ INK, FAINT = "#1a1a1a", "#8c8c8c"
 RECORDED, REFINED, TRUE, MARK = "#8c8c8c", "#0072b2", "#d55e00", "#e69f00"
 """Told apart by colour-blind readers, and in print."""
 TITLE_SIZE, TEXT_SIZE, SMALL_SIZE = 12.5, 9.5, 8.5
+AXIS_LABEL: dict[str, Any] = {"fontsize": SMALL_SIZE, "color": INK, "labelpad": 1}
 TITLE_CHARACTERS, TEXT_CHARACTERS = 92, 136
 
 
@@ -68,6 +69,15 @@ def short_numbers() -> ScalarFormatter:
     numbers = ScalarFormatter(useMathText=True, useOffset=False)
     numbers.set_powerlimits((-2, 3))
     return numbers
+
+
+def finish(axes: Axes, **legend: Any) -> None:
+    """Add the legend outside the panel, where it hides no data, and a light grid."""
+    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.margins(x=0.01)
+    style: dict[str, Any] = {"frameon": False, "fontsize": SMALL_SIZE, "labelcolor": INK}
+    axes.legend(borderaxespad=0.1, **style, **legend)
 
 
 class Header(NamedTuple):

@@ -28,7 +28,7 @@ class Findings:
     refinement: Refinement
     """The angles and the verdict."""
     reconstructions: Reconstructions
-    """``recorded``, ``refined`` and perhaps ``true``; empty where none were made."""
+    """``recorded``, ``refined``, perhaps ``true`` and halves; empty where none were made."""
     comparison: Comparison
     """The numbers of `compare`."""
     truth: Truth | None = None
@@ -61,10 +61,10 @@ class ResidualChange:
             return float(100 * (np.divide(self.refined, self.recorded) - 1))
 
 
-def residual_change(comparison: Comparison) -> ResidualChange:
+def residual_change(refinement: Refinement) -> ResidualChange:
     """Compare the residuals of recorded and refined angles; nan where one is missing."""
     nothing = np.empty(0)
-    pair = [comparison.residual.get(name, nothing) for name in ("recorded", "refined")]
+    pair = [refinement.reprojection.get(name, nothing) for name in ("recorded", "refined")]
     if len(pair[0]) != len(pair[1]):
         pair = [nothing, nothing]
     both = np.isfinite(pair[0]) & np.isfinite(pair[1])
@@ -81,7 +81,7 @@ def verdict(findings: Findings) -> str:
     refinement = findings.refinement
     if refinement.status == "kept":
         return "recorded angles kept; the refined angles are not used"
-    percent = residual_change(findings.comparison).percent
+    percent = residual_change(refinement).percent
     if not np.isfinite(percent):
         return "refined angles accepted"
     where = rows_word(refinement.heldout_rows)

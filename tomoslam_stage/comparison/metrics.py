@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 
+from tomoslam_stage.comparison.edges import widths_of_most_changed
+from tomoslam_stage.comparison.frc import RingCorrelation, ring_correlation
+from tomoslam_stage.comparison.named import check_comparable, halved, wholes
 from tomoslam_stage.comparison.regions import Mask, disc, rms
+from tomoslam_stage.comparison.similarity import similarity
 from tomoslam_stage.products import (
     Comparison,
     Floats,
@@ -51,10 +56,7 @@ SHARPNESS: Mapping[str, Sharpness] = {
 
 
 def compare(
-    refinement: Refinement,
-    reconstructions: Reconstructions,
-    residual: Mapping[str, Floats],
-    truth: Truth | None = None,
+    refinement: Refinement, reconstructions: Reconstructions, truth: Truth | None = None
 ) -> Comparison:
     """Put the numbers together that compare recorded with refined angles.
 
@@ -63,9 +65,7 @@ def compare(
     refinement
         The angles.
     reconstructions
-        Of the same rows and size, by name; may be empty.
-    residual
-        (n,) line integrals, by name: reprojection residual of each projection, rms.
+        By name, of the same rows and size, halves perhaps of fewer rows; may be empty.
     truth
         Where the scan is simulated; it goes into `Comparison.errors` and nowhere else.
 
@@ -74,31 +74,47 @@ def compare(
     ValueError
         If the slices are not of the same rows and size, or a length is not the number of angles.
     """
-    check_comparable(reconstructions)
-    n = refinement.recorded.shape
-    lengths = {**residual} if truth is None else {**residual, "truth": truth.theta}
-    for name, values in lengths.items():
-        if values.shape != n:
-            raise ValueError(f"{name}: {values.shape} values for {n} angles; one each is needed")
+    check_lengths(refinement, truth)
     errors = {} if truth is None else errors_against(truth, refinement)
-    return Comparison(dict(residual), sharpness(reconstructions), errors)
+    return replace(compare_slices(reconstructions), errors=errors)
 
 
-def check_comparable(reconstructions: Reconstructions) -> None:
-    """Refuse slices that do not lie over each other.
+def compare_slices(reconstructions: Reconstructions) -> Comparison:
+    """Put the numbers together that slices alone tell, see `compare`."""
+    made, halves = wholes(reconstructions), halved(reconstructions)
+    check_comparable(made)
+    check_comparable({n: one for n, one in reconstructions.items() if n not in made})
+    rings = {
+        name: ring_correlation(even.slices, odd.slices) for name, (even, odd) in halves.items()
+    }
+    nothing = np.empty(0)
+    first = next(iter(rings.values()), RingCorrelation(nothing, nothing, nothing))
+    return Comparison(
+        sharpness=sharpness(made),
+        similarity=similarity(made),
+        frc_frequency=first.frequency,
+        frc_threshold=first.threshold,
+        frc={name: ring.correlation for name, ring in rings.items()},
+        frc_resolution_px={name: ring.resolution_px for name, ring in rings.items()},
+        edge_width_px=widths_of_most_changed(made),
+    )
+
+
+def check_lengths(refinement: Refinement, truth: Truth | None) -> None:
+    """Refuse residuals or true angles of another number of projections.
 
     Raises
     ------
     ValueError
-        If rows or sizes differ.
+        If there is not one for each angle.
     """
-    kinds = {
-        (tuple(made.rows.tolist()), made.slices.shape): name
-        for name, made in reconstructions.items()
-    }
-    if len(kinds) > 1:
-        found = "; ".join(f"{name}: rows {rows}, {shape}" for (rows, shape), name in kinds.items())
-        raise ValueError(f"slices of the same rows and size are needed, found {found}")
+    lengths = dict(refinement.reprojection)
+    if truth is not None:
+        lengths["truth"] = truth.theta
+    n = refinement.recorded.shape
+    for name, values in lengths.items():
+        if values.shape != n:
+            raise ValueError(f"{name}: {values.shape} values for {n} angles; one each is needed")
 
 
 def sharpness(reconstructions: Reconstructions) -> dict[str, dict[str, float]]:

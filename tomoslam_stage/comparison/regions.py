@@ -31,16 +31,40 @@ class Window(NamedTuple):
 
 def disc(shape: tuple[int, int]) -> Mask:
     """(z, x) True where a slice of `shape` was seen by every projection."""
-    z, x = (np.arange(n) - (n - 1) / 2 for n in shape)
+    return np.asarray(from_middle(shape) <= disc_radius(shape))
+
+
+def disc_radius(shape: tuple[int, int]) -> float:
+    """Radius, px, of the disc that every projection sees."""
     # A slice of any size keeps its middle, so that means over the disc always exist.
-    radius = max((min(shape) - 1) / 2 - DISC_MARGIN_PX, 0.75)
-    return np.asarray(z[:, None] ** 2 + x[None, :] ** 2 <= radius**2)
+    return max((min(shape) - 1) / 2 - DISC_MARGIN_PX, 0.75)
+
+
+def from_middle(shape: tuple[int, int]) -> Floats:
+    """(z, x) distance of each pixel from the middle, px."""
+    z, x = (np.arange(n) - (n - 1) / 2 for n in shape)
+    return np.asarray(np.hypot(z[:, None], x))
 
 
 def rms(values: Pixels | Floats) -> float:
     """Root mean square of the finite values, nan if there are none."""
     finite = np.asarray(values[np.isfinite(values)], np.float64)
     return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+
+
+def most_changed_first(recorded: Pixels, refined: Pixels) -> list[int]:
+    """Sort the slices of `recorded` and `refined` (r, z, x) by their rms difference in the disc."""
+    inside = disc(recorded.shape[1:])
+    changes = [
+        rms((after - before)[inside]) for before, after in zip(recorded, refined, strict=True)
+    ]
+    order = np.argsort(-np.nan_to_num(np.array(changes)), kind="stable")
+    return [int(k) for k in order]
+
+
+def most_changed_material(recorded: Pixels, refined: Pixels, inside: Mask) -> Window:
+    """Find the window of slices (z, x) where material changed most."""
+    return most_changed_window((refined - recorded) * material(recorded, inside), inside)
 
 
 def most_changed_window(difference: Pixels | Floats, inside: Mask) -> Window:

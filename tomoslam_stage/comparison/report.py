@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from tomoslam_stage.comparison.findings import Findings, Run, residual_change
-from tomoslam_stage.comparison.pictures import draw_comparison, draw_theta
 from tomoslam_stage.comparison.regions import rms
+from tomoslam_stage.comparison.slices_picture import draw_comparison
+from tomoslam_stage.comparison.theta_picture import draw_theta
 from tomoslam_stage.comparison.writing import made_folder, write_atomically
 from tomoslam_stage.products import Comparison, Floats, Refinement, Scan
 
@@ -87,9 +88,10 @@ def report(findings: Findings, run: Run) -> dict[str, Any]:
     ``comparison``
         ``residual_recorded`` and ``residual_refined`` (line integrals, reprojection residual, rms
         over the projections), ``residual_gain_percent`` (how much of it is gone; more is better),
-        ``heldout_rows`` (the unused rows it was measured on; of the binned scan), ``sharpness``
-        (metric -> reconstruction -> value; shown without a verdict) and ``errors`` (degrees,
-        against the truth of a simulated scan, see `errors_against`; else empty).
+        ``heldout_rows`` (unused; of the binned scan), ``errors`` (see `errors_against`; empty
+        without truth). Of the slices by name, no verdict: ``psnr`` (dB) and ``ssim`` against those
+        of the true angles, ``frc_resolution_px`` (of even and odd projections), ``edge_width_px``
+        (10 to 90 % of the most changed edge; px of the binned scan), ``sharpness`` by metric first.
     ``evidence``
         What the gate weighed (the fields of `Evidence`), None where it did not come that far.
     ``counts``
@@ -140,13 +142,17 @@ def change_facts(prefix: str, change: Floats) -> dict[str, float]:
 
 def comparison_facts(comparison: Comparison, refinement: Refinement) -> dict[str, Any]:
     """Put the numbers of the comparison under the names that `report` gives them."""
-    change = residual_change(comparison)
+    change = residual_change(refinement)
     return {
         "residual_recorded": change.recorded,
         "residual_refined": change.refined,
         "residual_gain_percent": -change.percent,
         "heldout_rows": refinement.heldout_rows,
         "sharpness": comparison.sharpness,
+        "psnr": comparison.similarity.get("psnr", {}),
+        "ssim": comparison.similarity.get("ssim", {}),
+        "frc_resolution_px": comparison.frc_resolution_px,
+        "edge_width_px": comparison.edge_width_px,
         "errors": comparison.errors,
     }
 

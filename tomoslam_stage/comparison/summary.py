@@ -29,6 +29,8 @@ def summary(report: Mapping[str, Any], folder: Path | None = None) -> str:
         "axis": f"detector column {number(report['axis_px'], 6)}",
         "residual": residual(report),
         "halves": halves(report),
+        "slices": slices(report["comparison"]),
+        "true slices": true_slices(report["comparison"]),
         "true errors": true_errors(report["comparison"]["errors"]),
         "features": features(report),
         "report": ""
@@ -103,6 +105,34 @@ def true_errors(errors: Mapping[str, float | None]) -> str:
     text = f"{number(errors['recorded_rms_deg'])} deg (recorded), "
     text += f"{number(errors['refined_rms_deg'])} deg (refined) rms, mean removed; "
     return text + f"error ratio {number(errors['error_ratio'])}"
+
+
+def slices(facts: Mapping[str, Any]) -> str:
+    """Tell how sharp the slices are and how far above the noise; none of it is a verdict."""
+    return "; ".join(
+        f"{what} {both(facts[key], 'px')}"
+        for what, key in {
+            "width of the most changed edge": "edge_width_px",
+            "resolution by FRC of halves": "frc_resolution_px",
+        }.items()
+        if facts[key]
+    )
+
+
+def true_slices(facts: Mapping[str, Any]) -> str:
+    """How near the slices are to those made with the true angles, where these are known."""
+    if not facts["psnr"]:
+        return ""
+    return f"PSNR {both(facts['psnr'], 'dB')}; SSIM {both(facts['ssim'])}"
+
+
+def both(values: Mapping[str, float | None], unit: str = "") -> str:
+    """Write a number of the recorded and of the refined slices."""
+
+    def one(value: float | None) -> str:
+        return number(value) + ("" if value is None or not unit else f" {unit}")
+
+    return ", ".join(f"{one(values[name])} ({name})" for name in ("recorded", "refined"))
 
 
 def features(report: Mapping[str, Any]) -> str:

@@ -3,57 +3,91 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from pydantic import Field
 
-from tomoslam_stage.methods import method
-from tomoslam_stage.parallel import in_blocks
-from tomoslam_stage.products import Floats, Pixels
-from tomoslam_stage.radon import Radon, Window
+from tomoslam_stage.parallel import BLOCK, in_blocks, parallel
+from tomoslam_stage.radon import Radon, continued, object_reach, reach_beyond
+from tomoslam_stage.reconstruction.algorithms import Algorithm, Fbp, Gridrec, Iterative, Sirt
+from tomoslam_stage.reconstruction.backend import Slices
 
-
-@method
-class Fbp:
-    """Filtered back-projection; each projection weighs as much as the angle it stands for."""
-
-    window: Window = "shepp-logan"
-    """Apodisation of the ramp: ``ram-lak`` (none), ``shepp-logan`` or ``hann`` (smoothest)."""
-
-    def slices(self, sinograms: Pixels, theta: Floats, axis: float) -> Pixels:
-        """Slices (r, z, x), see `Algorithm`."""
-        radon = Radon(theta, axis, sinograms.shape[-1], sinograms.shape[-1])
-        return in_blocks(lambda block: radon.fbp(block, self.window), sinograms, "FBP")
+if TYPE_CHECKING:
+    from tomoslam_stage.products import Floats, Pixels
 
 
-@method
-class Sirt:
-    """Simultaneous iterative reconstruction (Gilbert, J. Theor. Biol. 36 (1972) 105).
+class Embedded:
+    """FBP and SIRT for any angles and any axis, the same for any number of workers.
 
-    ``x += C A^T R (p - A x)`` where R and C are the inverse sums of the rows and columns of A.
+    Where the object is wider than the detector, either works on the sinograms as `continued`.
     """
 
-    iterations: Annotated[int, Field(ge=1)] = 100
-    """Times that all projections are used."""
-    nonnegative: bool = True
-    """Attenuation below zero is set to zero in every iteration."""
+    name: ClassVar[str] = "embedded"
 
-    def slices(self, sinograms: Pixels, theta: Floats, axis: float) -> Pixels:
-        """Slices (r, z, x), see `Algorithm`."""
-        radon = Radon(theta, axis, sinograms.shape[-1], sinograms.shape[-1])
-        weights = sirt_weights(radon)
+    def refusal(self, algorithm: Algorithm) -> str:
+        """Why it cannot do just this here; empty where it can."""
+        match algorithm:
+            case Gridrec():
+                return "has no gridrec"
+            case Iterative():
+                return f"has no {algorithm.name}"
+        return ""
 
-        def solve(block: Pixels) -> Pixels:
-            slices = np.zeros((len(block), radon.size, radon.size), np.float32)
-            for _ in range(self.iterations):
-                left = weights.rays * (block - radon.project(slices))
-                slices += weights.pixels * radon.adjoint(left)
-                if self.nonnegative:
-                    np.maximum(slices, 0, out=slices)
-            return slices
+    def reconstruct(
+        self, algorithm: Algorithm, sinograms: Pixels, theta: Floats, axis: float
+    ) -> Slices:
+        """Slices and, of SIRT, the convergence; see `Backend`."""
+        match algorithm:
+            case Fbp():
+                return fbp(algorithm, sinograms, theta, axis)
+            case Sirt():
+                return sirt(algorithm, sinograms, theta, axis)
+        raise ValueError(f"{self.name} {self.refusal(algorithm)}")
 
-        return in_blocks(solve, sinograms, "SIRT")
+
+def fbp(algorithm: Fbp, sinograms: Pixels, theta: Floats, axis: float) -> Slices:
+    """Filter and back-project, `BLOCK` rows at a time."""
+    columns = sinograms.shape[-1]
+    beyond = reach_beyond(sinograms)
+    radon = Radon(theta, axis + beyond, columns + 2 * beyond, columns)
+
+    def of_block(block: Pixels) -> Pixels:
+        return radon.fbp(continued(block, beyond), algorithm.window)
+
+    return Slices(in_blocks(of_block, sinograms, "FBP"))
+
+
+def sirt(algorithm: Sirt, sinograms: Pixels, theta: Floats, axis: float) -> Slices:
+    """``x += C A^T R (p - A x)``, `BLOCK` rows at a time.
+
+    R and C are the inverse sums of the rows and columns of A. The slices are solved for as far as
+    the object reaches: what lies outside would be piled up at the rim of a smaller disc.
+    """
+    columns = sinograms.shape[-1]
+    beyond = reach_beyond(sinograms)
+    margin = max(0, int(np.ceil(object_reach(sinograms, axis, beyond) + 1 - columns / 2)))
+    radon = Radon(theta, axis + beyond, columns + 2 * beyond, columns + 2 * margin)
+    weights = sirt_weights(radon)
+    seen, shown = slice(beyond, beyond + columns), slice(margin, margin + columns)
+
+    def of_block(block: Pixels) -> tuple[Pixels, Floats]:
+        wanted = continued(block, beyond)
+        slices = np.zeros((len(block), radon.size, radon.size), np.float32)
+        squares = np.empty(algorithm.iterations)
+        for k in range(algorithm.iterations):
+            left = wanted - radon.project(slices)
+            squares[k] = np.sum(np.square(left[..., seen], dtype=np.float64))
+            slices += weights.pixels * radon.adjoint(weights.rays * left)
+            if algorithm.nonnegative:
+                np.maximum(slices, 0, out=slices)
+        return slices[:, shown, shown], squares
+
+    blocks = np.split(sinograms, range(BLOCK, len(sinograms), BLOCK))
+    solved = list(parallel(of_block, blocks, "SIRT"))
+    # Summed in the order of the blocks, not in that in which they are done.
+    squares = np.sum([squares for _, squares in solved], axis=0)
+    slices = np.concatenate([slices for slices, _ in solved])
+    return Slices(slices, np.sqrt(squares / sinograms.size))
 
 
 @dataclass(frozen=True)
@@ -63,11 +97,11 @@ class SirtWeights:
     rays: Pixels
     """(n, column) per pixel of path."""
     pixels: Pixels
-    """(z, x) per ray; zero outside the disc that all projections see."""
+    """(z, x) per ray; zero outside the disc."""
 
 
 def sirt_weights(radon: Radon) -> SirtWeights:
-    """Project ones in the field of view, and back-project ones on the detector."""
+    """Project ones in the disc, and back-project ones on the detector."""
     inside = radon.disc().astype(np.float32)
     rays = radon.project(inside[None])[0]
     ones = np.ones((1, *rays.shape), np.float32)

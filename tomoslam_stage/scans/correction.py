@@ -13,7 +13,7 @@ from tomoslam_stage.scans.selection import BLOCK_PIXELS, filled
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from tomoslam_stage.products import Floats, Integers, Pixels
+    from tomoslam_stage.products import Floats, Integers, Pixels, Values
 
 LEAST_TRANSMISSION = 1e-4
 """Pixels darker than this count as just this dark: a line integral of 9.2, not infinity."""
@@ -25,7 +25,7 @@ WEAK_PIXEL = 0.02
 class LineIntegrals:
     """The file holds line integrals; only gaps are filled."""
 
-    kind: ClassVar[str] = "line_integrals"
+    kind: ClassVar[Values] = "line_integrals"
 
     def __call__(self, raw: Pixels, _projections: Integers, _rows: Integers) -> Pixels:
         """Return (p, r, c) line integrals."""
@@ -36,7 +36,7 @@ class LineIntegrals:
 class Transmission:
     """The file holds the share of the beam that came through."""
 
-    kind: ClassVar[str] = "transmission"
+    kind: ClassVar[Values] = "transmission"
 
     air: float = 1.0
     """Transmission beside the object; it becomes a line integral of 0."""
@@ -54,7 +54,7 @@ class Counts:
     Flats taken at several moments of the scan are interpolated linearly between them.
     """
 
-    kind: ClassVar[str] = "counts"
+    kind: ClassVar[Values] = "counts"
 
     positions: Floats
     """(g,) projections taken before each group of flats; increasing."""

@@ -16,11 +16,9 @@ from tomoslam_stage.scans.selection import gather
 if TYPE_CHECKING:
     from h5py import File
 
-    from tomoslam_stage.products import Integers, Pixels
+    from tomoslam_stage.products import Conversion, Pixels
     from tomoslam_stage.scans.correction import Counts
     from tomoslam_stage.scans.dxchange import Contents
-
-    Conversion: TypeAlias = Counts | Transmission | LineIntegrals
 
 Kind: TypeAlias = Literal["auto", "counts", "transmission", "line_integrals"]
 
@@ -88,13 +86,9 @@ def _with_flats(contents: Contents, file: File) -> Counts:
 def sample(data: Any) -> Pixels:
     """Read a few projections and rows (p, r, c), unconverted."""
     n, rows, _ = data.shape
-
-    def as_stored(raw: Pixels, _projections: Integers, _rows: Integers) -> Pixels:
-        return raw
-
     projections = np.unique(np.linspace(0, n - 1, SAMPLED_PROJECTIONS).astype(np.intp))
     chosen = np.unique(np.linspace(0, rows - 1, SAMPLED_ROWS).astype(np.intp))
-    return gather(data, projections, chosen, as_stored)
+    return gather(data, projections, chosen)
 
 
 def decide_by_values(values: Pixels, name: str) -> tuple[Kind, str]:

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tomoslam_stage.errors import ScanError
-from tomoslam_stage.products import Scan, Truth
+from tomoslam_stage.products import Raw, Scan, Truth
 from tomoslam_stage.scans.checks import check, frames_in, problems, recorded_angles
 from tomoslam_stage.scans.dxchange import (
+    DARKS,
     DATA,
+    FLATS,
     RECORDED,
     TRUE_AXIS,
     TRUE_THETA,
     Contents,
+    DatasetFacts,
     open_file,
     read_contents,
 )
 from tomoslam_stage.scans.kind import choose_conversion
-from tomoslam_stage.scans.sources import FileSource, binned
+from tomoslam_stage.scans.sources import ArraySource, FileSource, binned
 from tomoslam_stage.scans.strings import read_units
 from tomoslam_stage.scans.theta import to_radians
 from tomoslam_stage.scans.transaction import recover
@@ -29,6 +33,7 @@ from tomoslam_stage.scans.transaction import recover
 if TYPE_CHECKING:
     from h5py import File
 
+    from tomoslam_stage.products import ProjectionSource
     from tomoslam_stage.scans.kind import Kind
     from tomoslam_stage.scans.theta import Units
 
@@ -65,7 +70,18 @@ def open_scan(
     ScanError
         If the scan cannot be used; the message says what was found and what is needed.
     """
-    path = Path(path)
+    return binned(_opened(Path(path), kind, units, parallel)[0], binning)
+
+
+def open_as_stored(path: Path) -> Scan:
+    """Open a scan as `open_scan`, but leave its values as the detector stored them.
+
+    What it takes to make line integrals of them is in `Scan.raw`.
+    """
+    return _as_stored(*_opened(Path(path), "auto", "auto", False))
+
+
+def _opened(path: Path, kind: Kind, units: Units, parallel: bool) -> tuple[Scan, Contents]:
     recover(path)
     with open_file(path) as file:
         contents = read_contents(file, path)
@@ -75,7 +91,29 @@ def open_scan(
     n, rows, columns = contents.datasets[DATA].shape
     _log_angles(contents, np.degrees(theta))
     source = FileSource(path, (n, rows, columns), conversion)
-    return binned(Scan(source, theta, np.arange(n), name=path.name, path=path), binning)
+    return Scan(source, theta, np.arange(n), name=path.name, path=path), contents
+
+
+def _as_stored(scan: Scan, contents: Contents) -> Scan:
+    source = scan.source
+    if not isinstance(source, FileSource) or source.conversion is None:
+        return scan
+    if source.conversion.kind == "line_integrals":
+        return scan
+    flats = _frames(source.path, FLATS, contents.flats)
+    darks = _frames(source.path, DARKS, contents.darks)
+    raw = Raw(source.conversion, flats, darks)
+    return replace(scan, source=replace(source, conversion=None), raw=raw)
+
+
+def _frames(path: Path, key: str, facts: DatasetFacts | None) -> ProjectionSource | None:
+    if facts is None:
+        return None
+    if len(facts.shape) == 3:
+        frames, rows, columns = facts.shape
+        return FileSource(path, (frames, rows, columns), None, key)
+    with open_file(path) as file:
+        return ArraySource(file[key][()][None])
 
 
 def _log_angles(contents: Contents, degrees: Any) -> None:

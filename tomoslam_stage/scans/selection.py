@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from tomoslam_stage.products import Floats, Integers, Pixels
+    from tomoslam_stage.products import Conversion, Floats, Integers, Pixels
 
 BLOCK_PIXELS = 1 << 22
 NEAR_ROWS = 8
@@ -27,7 +27,7 @@ def gather(
     array: Any,
     projections: Integers,
     rows: Integers,
-    convert: Callable[[Pixels, Integers, Integers], Pixels],
+    convert: Conversion | None = None,
 ) -> Pixels:
     """Read, convert and return the chosen projections and rows, in the order asked for.
 
@@ -38,7 +38,8 @@ def gather(
     projections, rows
         Indices in any order, repeats allowed.
     convert
-        Makes line integrals of a block (p, r, c), given the block's projections and rows.
+        Makes line integrals of a block (p, r, c), given the block's projections and rows; without
+        it values stay as they are stored.
     """
     wanted, back = np.unique(projections, return_inverse=True)
     kept_rows, rows_back = np.unique(rows, return_inverse=True)
@@ -51,7 +52,7 @@ def gather(
     out = np.empty((len(wanted), len(kept_rows), array.shape[2]), np.float32)
     for part in pieces(wanted, chunk[0], longest):
         raw = _read(array, wanted[part], kept_rows, bands)
-        out[part] = convert(raw, wanted[part], kept_rows)
+        out[part] = raw if convert is None else convert(raw, wanted[part], kept_rows)
     return _ordered(_ordered(out, back, axis=0), rows_back, axis=1)
 
 

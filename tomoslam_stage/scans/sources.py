@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from tomoslam_stage.errors import PipelineError, ScanError
-from tomoslam_stage.products import Scan
-from tomoslam_stage.scans.correction import LineIntegrals
+from tomoslam_stage.products import Raw, Scan
+from tomoslam_stage.scans.correction import LineIntegrals, Transmission
 from tomoslam_stage.scans.dxchange import DATA, open_file
 from tomoslam_stage.scans.selection import BLOCK_PIXELS, gather
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tomoslam_stage.products import Floats, Integers, Pixels, ProjectionSource
-    from tomoslam_stage.scans.kind import Conversion
+    from tomoslam_stage.products import (
+        Conversion,
+        Floats,
+        Integers,
+        Pixels,
+        ProjectionSource,
+        Values,
+    )
 
 
 @dataclass(frozen=True)
@@ -30,10 +36,12 @@ class FileSource:
 
     path: Path
     shape: tuple[int, int, int]
-    conversion: Conversion
+    conversion: Conversion | None
+    """Makes line integrals; None leaves the values as they are stored."""
+    dataset: str = DATA
 
     def read(self, projections: Integers, rows: Integers) -> Pixels:
-        """Return line integrals (projection, row, column), float32 and finite.
+        """Return values (projection, row, column), float32; line integrals are finite.
 
         Raises
         ------
@@ -42,11 +50,29 @@ class FileSource:
         """
         with open_file(self.path) as file:
             try:
-                return gather(file[DATA], projections, rows, self.conversion)
+                return gather(file[self.dataset], projections, rows, self.conversion)
             except OSError as error:
-                found = f"reading {DATA} failed ({error})."
+                found = f"reading {self.dataset} failed ({error})."
                 remedy = "The file is damaged, or its disk is; copy it again from its source."
                 raise ScanError(self.path.name, found, remedy) from error
+
+
+@dataclass(frozen=True)
+class ConvertedSource:
+    """Line integrals of a source that gives what the detector stored."""
+
+    source: ProjectionSource
+    conversion: Conversion
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Projections, rows, columns."""
+        return self.source.shape
+
+    def read(self, projections: Integers, rows: Integers) -> Pixels:
+        """Return line integrals (projection, row, column), float32 and finite."""
+        chosen = np.asarray(projections), np.asarray(rows)
+        return self.conversion(self.source.read(*chosen), *chosen)
 
 
 @dataclass(frozen=True)
@@ -110,6 +136,42 @@ class BinnedSource:
         return out
 
 
+@dataclass(frozen=True)
+class Stack:
+    """A source as an array: it is read where it is sliced, or made a numpy array.
+
+    Slices and lists of indices choose projections and rows; columns are always read whole.
+    """
+
+    source: ProjectionSource
+    dtype: ClassVar[np.dtype[np.float32]] = np.dtype(np.float32)
+    ndim: ClassVar[int] = 3
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Projections, rows, columns."""
+        return self.source.shape
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, index: Any) -> Any:
+        """Read what numpy's basic indices name, or lists of projections or rows."""
+        named = list(index) if isinstance(index, tuple) else [index]
+        if any(each is Ellipsis or each is None for each in named):
+            return np.asarray(self)[index]
+        first, second, *rest = named + [slice(None)] * (2 - len(named))
+        projections = np.arange(self.shape[0])[first]
+        rows = np.arange(self.shape[1])[second]
+        block = self.source.read(np.atleast_1d(projections), np.atleast_1d(rows))
+        whole = [0 if np.ndim(each) == 0 else slice(None) for each in (projections, rows)]
+        return block[(*whole, *rest)]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
+        n, rows, _ = self.shape
+        return self.source.read(np.arange(n), np.arange(rows)).astype(dtype or self.dtype)
+
+
 def scan_of(projections: Any, theta: Floats) -> Scan:
     """Make a scan of line integrals (n, row, column) in an array, at `theta` (n,) radians.
 
@@ -126,9 +188,26 @@ def scan_of(projections: Any, theta: Floats) -> Scan:
     return Scan(source, theta, np.arange(n), name="array")
 
 
+def line_integrals(scan: Scan) -> Scan:
+    """Return `scan` with a source of line integrals, which may have been its own all along."""
+    if scan.raw is None:
+        return scan
+    return replace(scan, source=ConvertedSource(scan.source, scan.raw.conversion), raw=None)
+
+
+def prepared(scan: Scan, source: ProjectionSource, values: Values) -> Scan:
+    """Return `scan` with another source, which holds `values`."""
+    if values == "line_integrals":
+        finite = ConvertedSource(source, LineIntegrals())
+        return replace(scan, source=finite, raw=None)
+    raw = scan.raw if values == scan.values else Raw(Transmission())
+    return replace(scan, source=source, raw=raw)
+
+
 def binned(scan: Scan, factor: int) -> Scan:
     """Return `scan` with `factor` x `factor` px averaged into one."""
     if factor == 1:
         return scan
+    scan = line_integrals(scan)
     source = BinnedSource(scan.source, factor)
     return replace(scan, source=source, binning=scan.binning * factor)

@@ -1,25 +1,34 @@
 """What an entry of a pipeline may name: each stage's parameters, and what it does.
 
-To add a stage, write it in a file of its own and name it in `STAGES`.
+To add a stage, write it in a file of its own and name it in `STAGES`; `MODULES` adds what may
+stand in a pipeline beside our own stages.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from tomoslam_stage import tomopy_adapter
 from tomoslam_stage.stages.comparing import Compare
+from tomoslam_stage.stages.functions import (
+    compare,
+    load_scan,
+    reconstruct,
+    refine_theta,
+    write_theta,
+)
+from tomoslam_stage.stages.httomo import StandardTomo
 from tomoslam_stage.stages.loading import LoadScan
+from tomoslam_stage.stages.modules import Module, Modules
+from tomoslam_stage.stages.preparing import Functions
+from tomoslam_stage.stages.recon import Recon
 from tomoslam_stage.stages.reconstructing import Reconstruct
 from tomoslam_stage.stages.refining import RefineTheta
-from tomoslam_stage.stages.work import Stage, Work
+from tomoslam_stage.stages.work import Fitted, Loader, Stage, Work
 from tomoslam_stage.stages.writing import WriteTheta
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from numpy.typing import ArrayLike
-
-    from tomoslam_stage.products import Refinement
 
 STAGES: Mapping[str, type[Stage]] = {
     "load_scan": LoadScan,
@@ -29,38 +38,34 @@ STAGES: Mapping[str, type[Stage]] = {
     "write_theta": WriteTheta,
 }
 
-__all__ = ["STAGES", "Stage", "Work", "refine_theta"]
+TOMOPY: Modules = {
+    path: Module(Functions(path), tomopy_adapter.REFUSED.get(path, {}), tomopy_adapter.require)
+    for path in tomopy_adapter.ALLOWED
+}
 
+MODULES: Modules = {
+    "tomoslam_stage.stages": Module(STAGES),
+    "httomo.data.hdf.loaders": Module({"standard_tomo": StandardTomo}),
+    **TOMOPY,
+    "tomopy.recon.algorithm": Module(
+        {"recon": Recon},
+        tomopy_adapter.REFUSED["tomopy.recon.algorithm"],
+        tomopy_adapter.require,
+    ),
+}
+"""By ``module_path``: everything that an entry may name; all else is refused."""
 
-def refine_theta(projections: Any, theta: ArrayLike, **parameters: Any) -> Refinement:
-    """Refine the rotation angles of projections in memory, or in an open HDF5 dataset.
-
-    Parameters
-    ----------
-    projections
-        (n, row, column) line integrals, minus-log and flat-fielded; read in blocks.
-    theta
-        (n,) radians: the recorded angles.
-    parameters
-        Those of the stage ``refine_theta``, as a pipeline gives them:
-        ``tracks={"detector": "surf"}``.
-
-    Returns
-    -------
-    `Refinement`: its ``theta`` are the angles that stand.
-
-    Raises
-    ------
-    PipelineError
-        For an unknown parameter, or a value that does not fit.
-    ScanError
-        If the shapes do not fit each other.
-    """
-    import numpy as np
-
-    from tomoslam_stage.methods import checked
-    from tomoslam_stage.scans import scan_of
-    from tomoslam_stage.stages.work import Clock
-
-    scan = scan_of(projections, np.asarray(theta, np.float64))
-    return checked(RefineTheta, parameters, "refine_theta").refine(scan, Clock({}))
+__all__ = [
+    "MODULES",
+    "STAGES",
+    "Fitted",
+    "Loader",
+    "Modules",
+    "Stage",
+    "Work",
+    "compare",
+    "load_scan",
+    "reconstruct",
+    "refine_theta",
+    "write_theta",
+]

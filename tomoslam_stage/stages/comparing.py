@@ -26,12 +26,14 @@ class Compare:
         scan, refinement = made(work.scan, "scan"), made(work.refinement, "refinement")
         slices = made(work.reconstructions, "reconstructions")
         truth = scans.read_truth(work.path)
-        compared = comparison.compare(refinement, slices, refinement.reprojection, truth)
+        compared = comparison.compare(refinement, slices, truth)
         work.comparison = compared
         findings = comparison.Findings(scan, refinement, slices, compared, truth)
         run = comparison.Run(dict(work.seconds), work.pipeline)
         work.report = comparison.write_report(work.folder, findings, run)
-        scans.write_slices(work.folder / SLICES, slices)
+        # The halves serve the Fourier ring correlation, and nobody else.
+        wholes = comparison.wholes(slices)
+        scans.write_slices(work.folder / SLICES, wholes)
         if self.save_tiff:
-            scans.write_tiffs(work.folder / "slices", slices)
+            scans.write_tiffs(work.folder / "slices", wholes)
         return {}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, ClassVar
 
 from pydantic import Field
 
 from tomoslam_stage import scans
 from tomoslam_stage.methods import method
+from tomoslam_stage.products import Scan, Values
 from tomoslam_stage.stages.work import SideOutputs, Work
 
 
@@ -17,6 +19,7 @@ class LoadScan:
 
     makes: ClassVar = ("scan",)
     gives: ClassVar = ("n_projections", "n_rows", "n_columns")
+    leaves: ClassVar[tuple[Values, ...]] = ("line_integrals",)
 
     kind: scans.Kind = "auto"
     """What the data are: ``counts``, ``transmission`` or ``line_integrals``."""
@@ -29,14 +32,22 @@ class LoadScan:
 
     def run(self, work: Work) -> SideOutputs:
         """Leave the scan; find out now whether angles could be written at the end."""
-        scan = scans.open_scan(
-            work.path,
+        work.scan = self.opened(work.path)
+        checked_writable(work)
+        return {name: getattr(work.scan, name) for name in self.gives}
+
+    def opened(self, path: Path) -> Scan:
+        """Open the scan at `path`, see `scans.open_scan`."""
+        return scans.open_scan(
+            path,
             kind=self.kind,
             units=self.units,
             parallel=self.parallel,
             binning=self.binning,
         )
-        if work.output is None and not work.dry_run:
-            scans.check_writable(work.path)
-        work.scan = scan
-        return {name: getattr(scan, name) for name in self.gives}
+
+
+def checked_writable(work: Work) -> None:
+    """Refuse a scan now that could not be written to at the end."""
+    if work.output is None and not work.dry_run:
+        scans.check_writable(work.path)

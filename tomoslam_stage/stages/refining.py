@@ -19,11 +19,12 @@ from tomoslam_stage.products import (
     Refinement,
     Scan,
     Tracks,
+    Values,
 )
 from tomoslam_stage.refinement import FactorGraph, Halves, Solution, nothing_measured, weigh
 from tomoslam_stage.reprojection import Reprojection
 from tomoslam_stage.scans import binned
-from tomoslam_stage.stages.work import Clock, SideOutputs, Work, made
+from tomoslam_stage.stages.work import Clock, SideOutputs, Work, check_axis
 from tomoslam_stage.tracks import Tracking, halves
 
 AXIS_ROWS = 5
@@ -73,6 +74,7 @@ class RefineTheta:
     needs: ClassVar = ("scan",)
     makes: ClassVar = ("refinement",)
     gives: ClassVar = ("status", "axis")
+    leaves: ClassVar[tuple[Values, ...]] = ("line_integrals",)
 
     axis: float | None = None
     """Detector column of the rotation axis, px of the file; looked for where not given."""
@@ -93,11 +95,16 @@ class RefineTheta:
 
     def run(self, work: Work) -> SideOutputs:
         """Leave the refinement."""
-        work.refinement = self.refine(made(work.scan, "scan"), Clock(work.seconds))
+        work.refinement = self.refine(work.line_integrals(), Clock(work.seconds))
         return {"status": work.refinement.status, "axis": work.refinement.axis}
+
+    def check_fits(self, scan: Scan) -> None:
+        """Refuse an axis that the detector does not have."""
+        check_axis("refine_theta.axis", self.axis, scan)
 
     def refine(self, scan: Scan, clock: Clock) -> Refinement:
         """Refine the angles of `scan`; `clock` hears how long each station takes."""
+        self.check_fits(scan)
         small = binned(scan, -(-scan.n_columns // self.width))
         rows = hold_out(small)
         unused = Unused(small, rows.heldout, small.sinograms(rows.heldout))

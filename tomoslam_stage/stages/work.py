@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 from tomoslam_stage.errors import PipelineError
 from tomoslam_stage.products import Comparison, Reconstructions, Refinement, Scan
-from tomoslam_stage.scans import now
+from tomoslam_stage.scans import line_integrals, now
+
+log = logging.getLogger(__name__)
 
 SideOutputs: TypeAlias = Mapping[str, float | int | str]
 Product = TypeVar("Product")
@@ -41,16 +44,42 @@ class Work:
     comparison: Comparison | None = None
     report: Mapping[str, Any] | None = None
 
+    def line_integrals(self) -> Scan:
+        """Return the scan that refinement and reconstruction work on, whatever came before."""
+        scan = made(self.scan, "scan")
+        if scan.raw is not None:
+            log.info("%s: no entry made line integrals of %s; done now", scan.name, scan.values)
+            self.scan = line_integrals(scan)
+        return made(self.scan, "scan")
+
 
 class Stage(Protocol):
     """One entry of a pipeline: a frozen dataclass (`methods.method`) of its YAML parameters.
 
-    Class variables tell what it ``needs`` and ``makes`` (products on `Work`), and which side
-    outputs it ``gives``.
+    Class variables tell what it ``needs`` and ``makes`` (products on `Work`), which side outputs
+    it ``gives``, and of a scan which values it ``takes`` and may ``leave``.
     """
 
     def run(self, work: Work) -> SideOutputs:
         """Do the work, leave the product on `work`, and return what other entries may refer to."""
+        ...
+
+
+@runtime_checkable
+class Loader(Protocol):
+    """A stage that opens the scan."""
+
+    def opened(self, path: Path) -> Scan:
+        """Return the scan at `path`."""
+        ...
+
+
+@runtime_checkable
+class Fitted(Protocol):
+    """A stage whose parameters must fit the scan."""
+
+    def check_fits(self, scan: Scan) -> None:
+        """Raise a `PipelineError` where they do not; read no projection."""
         ...
 
 
@@ -65,6 +94,20 @@ def made(product: Product | None, name: str) -> Product:
     if product is None:
         raise PipelineError("pipeline", f"no entry made the {name}.")
     return product
+
+
+def check_axis(where: str, axis: float | None, scan: Scan) -> None:
+    """Refuse an axis, px of the file, that the detector does not have.
+
+    Raises
+    ------
+    PipelineError
+        If it lies outside.
+    """
+    last = scan.n_columns * scan.binning - 1
+    if axis is not None and not 0 <= axis <= last:
+        found = f"{axis:g}; a column between 0 and {last} is needed for {scan.name}."
+        raise PipelineError(where, found)
 
 
 class Clock:

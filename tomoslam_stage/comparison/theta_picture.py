@@ -1,0 +1,138 @@
+"""The picture of the angles: the correction, and the residuals of the projections."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tomoslam_stage.comparison import canvas
+from tomoslam_stage.comparison.canvas import Box
+from tomoslam_stage.comparison.findings import (
+    Findings,
+    ResidualChange,
+    residual_change,
+    rows_word,
+    verdict,
+)
+from tomoslam_stage.comparison.metrics import difference_of_angles
+from tomoslam_stage.comparison.regions import rms
+from tomoslam_stage.products import Floats, Refinement
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LEAST_SPAN_DEG = 0.01
+"""Of the correction's panel, small against the errors of a stage."""
+FEW_POINTS = 60
+"""Below that each projection gets a dot."""
+
+
+def draw_theta(path: Path, findings: Findings) -> None:
+    """Draw the correction with its sigma, and below it the residuals of the projections.
+
+    Where no residuals are known the steps between neighbours stand below. A correction that was
+    not accepted is drawn too, and marked.
+    """
+    refinement = findings.refinement
+    change = np.degrees(refinement.change)
+    text = f"{findings.scan.name} · {len(change)} projections · correction found: "
+    text += f"{rms(change):.3g}° rms, {np.abs(change).max(initial=0):.3g}° at most"
+    said = canvas.header(verdict(findings), [refinement.reason, text])
+    figure = canvas.new_figure(said.height + 5.9)
+    canvas.write_header(figure, said)
+    left = canvas.LEFT + 0.3
+    width = canvas.WIDTH - left - 0.3
+    upper = canvas.panel(figure, Box(left, said.height + 0.3, width, 2.6))
+    lower = canvas.panel(figure, Box(left, said.height + 3.3, width, 2.0))
+    along, label = abscissa(refinement.recorded)
+    draw_correction(upper, along, findings)
+    draw_residuals_or_steps(lower, along, findings)
+    for axes in (upper, lower):
+        axes.yaxis.set_major_formatter(canvas.short_numbers())
+        axes.yaxis.get_offset_text().set(fontsize=canvas.SMALL_SIZE, color=canvas.INK)
+        canvas.finish(axes, loc="lower right", bbox_to_anchor=(1, 1), ncols=5)
+    upper.sharex(lower)
+    upper.tick_params(labelbottom=False)
+    lower.set_xlabel(label, fontsize=canvas.TEXT_SIZE, color=canvas.INK)
+    canvas.save(figure, path)
+
+
+def abscissa(recorded: Floats) -> tuple[Floats, str]:
+    """Count along the recorded angles where they grow or fall steadily, else along the scan."""
+    steps = np.diff(recorded)
+    if np.all(steps > 0) or np.all(steps < 0):
+        return np.degrees(recorded), "recorded angle / °"
+    return np.arange(len(recorded), dtype=float), "projection"
+
+
+def draw_correction(axes: Axes, along: Floats, findings: Findings) -> None:
+    """Draw refined minus recorded, its band, and the true correction where it is known."""
+    refinement = findings.refinement
+    change, sigma = np.degrees(refinement.change), np.degrees(refinement.sigma)
+    for k, strength in ((2, 0.16), (1, 0.26)):
+        band: dict[str, Any] = {"color": canvas.REFINED, "alpha": strength, "linewidth": 0}
+        edges = change - k * sigma, change + k * sigma
+        axes.fill_between(along, *edges, **band, label=f"± {k} σ")
+    draw_verdict_lines(axes, along, refinement)
+    if findings.truth is not None:
+        wanted = np.degrees(difference_of_angles(findings.truth.theta, refinement.recorded))
+        # A common offset of all angles cannot be seen in any scan.
+        wanted += np.mean(change - wanted)
+        style: dict[str, Any] = {"color": canvas.TRUE, "linestyle": (0, (4, 2)), "linewidth": 1.2}
+        axes.plot(along, wanted, **style, label="true correction (same mean)")
+    low, high = axes.get_ylim()
+    # Nothing but rounding would fill the panel otherwise.
+    axes.set_ylim(min(low, -LEAST_SPAN_DEG / 2), max(high, LEAST_SPAN_DEG / 2))
+    axes.set_ylabel("refined − recorded / °", fontsize=canvas.TEXT_SIZE, color=canvas.INK)
+
+
+def draw_verdict_lines(axes: Axes, along: Floats, refinement: Refinement) -> None:
+    """Draw the correction and the zero line, the stronger of which are the angles that stand."""
+    change = np.degrees(refinement.change)
+    if refinement.status == "accepted":
+        axes.axhline(0, color=canvas.INK, linewidth=0.8)
+        label, strength = "correction", 1.0
+    else:
+        axes.axhline(0, color=canvas.INK, linewidth=1.8, label="recorded angles: these stand")
+        label, strength = "correction found, not used", 0.55
+    if not change.any():
+        label = "no correction found"
+    line = {"color": canvas.REFINED, "alpha": strength, **stroke(along, 1.5)}
+    axes.plot(along, change, **line, label=label)
+
+
+def draw_residuals_or_steps(axes: Axes, along: Floats, findings: Findings) -> None:
+    """Draw the residual of each projection, or how the steps changed where none are known."""
+    change = residual_change(findings.refinement)
+    if np.isfinite(change.percent):
+        draw_residuals(axes, along, findings, change)
+    else:
+        draw_steps(axes, along, findings.refinement)
+
+
+def draw_residuals(axes: Axes, along: Floats, findings: Findings, change: ResidualChange) -> None:
+    """Draw the reprojection residual of each projection with both sets of angles."""
+    both = {"recorded": change.recorded, "refined": change.refined}
+    colours = {"recorded": canvas.RECORDED, "refined": canvas.REFINED}
+    for name, value in both.items():
+        line = {"color": colours[name], **stroke(along, 1.0)}
+        residual = findings.refinement.reprojection[name]
+        axes.plot(along, residual, **line, label=f"{name} angles, rms {value:.4g}")
+    where = rows_word(findings.refinement.heldout_rows)
+    axes.set_ylabel(f"reprojection residual,\n{where}", fontsize=canvas.TEXT_SIZE, color=canvas.INK)
+
+
+def draw_steps(axes: Axes, along: Floats, refinement: Refinement) -> None:
+    """Draw how much each step between neighbours changed."""
+    steps = np.degrees(np.diff(refinement.change))
+    line = {"color": canvas.REFINED, **stroke(along, 1.0)}
+    axes.plot(along[1:], steps, **line, label="refined − recorded step to the previous projection")
+    axes.set_ylabel("change of step / °", fontsize=canvas.TEXT_SIZE, color=canvas.INK)
+
+
+def stroke(along: Floats, width: float) -> dict[str, Any]:
+    """Lines, with dots where there are few points; a single point would not be seen else."""
+    dots = {"marker": "o", "markersize": 3.5} if len(along) <= FEW_POINTS else {}
+    return {"linewidth": width, **dots}
