@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,6 +205,46 @@ class AngleMeasurements:
     def n_measured(self) -> int:
         """Number of triplets that were measured."""
         return len(self.projections)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Where all projections look from; at a row the axis lies at ``axis + roll (row - middle)``.
+
+    Changes of it are vectors (n + 2,): the angles, radians; the axis, px; the roll, radians.
+    """
+
+    theta: Floats
+    """(n,) radians."""
+    axis: float
+    """Detector column of the rotation axis at `middle`, px."""
+    roll: float = 0.0
+    """Tilt of the axis in the detector plane, radians."""
+    middle: float = 0.0
+    """Detector row where the axis lies at `axis`, px."""
+
+    def moved(self, change: Floats) -> Geometry:
+        """Return the geometry after a `change` (n + 2,)."""
+        axis, roll = self.axis + float(change[-2]), self.roll + float(change[-1])
+        return Geometry(self.theta + change[:-2], axis, roll, self.middle)
+
+    def axis_at(self, rows: NDArray[Any]) -> Floats:
+        """Detector column of the axis at `rows`, px."""
+        return np.asarray(self.axis + self.roll * (rows - self.middle), np.float64)
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """What one source says about all angles, the axis and the roll, near where it looked.
+
+    Up to a constant, the log likelihood of a change d (n + 2,) is
+    ``pull . d - d . information . d / 2``.
+    """
+
+    information: Floats
+    """(n + 2, n + 2) positive semidefinite."""
+    pull: Floats
+    """(n + 2,) slope at no change."""
 
 
 @dataclass(frozen=True)
