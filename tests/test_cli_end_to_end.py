@@ -169,7 +169,7 @@ def test_the_report_of_accepted_angles_has_every_number_that_was_asked_for(
     assert report["max_change_deg"] > report["rms_change_deg"] > 0
     assert report["axis_px"] == pytest.approx(AXIS, abs=0.5)
     assert report["n_sightings"] > report["n_features"] > 100
-    stations = {"load_scan", "axis", "tracks", "angles", "graph", "gate", "reconstruct"}
+    stations = {"load_scan", "axis", "tracks", "features", "map", "graph", "gate", "reconstruct"}
     assert stations <= report["seconds"].keys()
     assert report["comparison"]["residual_refined"] < report["comparison"]["residual_recorded"]
     assert report["comparison"]["errors"]["error_ratio"] > 1

@@ -33,7 +33,7 @@ def refused(action: Any, *args: Any) -> str:
 
 
 def test_the_pipelines_of_the_package_load_by_name_in_the_order_that_writes_last() -> None:
-    assert pipeline_names() == ["default", "paper", "sirt", "stripes"]
+    assert pipeline_names() == ["default", "fast", "paper", "sirt", "stripes"]
     for name in pipeline_names():
         written = load_pipeline(name)
         ours = [e.method for e in written if e.module_path == "tomoslam_stage.stages"]

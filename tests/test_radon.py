@@ -71,6 +71,19 @@ def test_the_derivative_is_that_of_the_closed_form(
 
 
 @GEOMETRIES
+def test_linearised_projections_agree_with_the_closed_form(
+    blobs: Blobs, irregular: Floats, size: int, columns: int, axis: float
+) -> None:
+    radon = Radon(irregular, axis, columns, size)
+    found, by_angle, by_axis = radon.linearised(blobs.slices(size))
+    assert relative(found, blobs.sinograms(irregular, axis, columns)) < 2e-4
+    assert relative(by_angle, blobs.derivative(irregular, axis, columns)) < 5e-3
+    further, nearer = (blobs.sinograms(irregular, axis + off, columns) for off in (0.05, -0.05))
+    assert relative(by_axis, (further - nearer) / 0.1) < 2e-3
+    assert {found.dtype, by_angle.dtype, by_axis.dtype} == {np.dtype(np.float32)}
+
+
+@GEOMETRIES
 def test_the_adjoint_is_the_transpose_of_the_projector(
     irregular: Floats, size: int, columns: int, axis: float
 ) -> None:

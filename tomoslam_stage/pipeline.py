@@ -322,7 +322,8 @@ def _field(item: Any, name: str) -> Any:
     value = getattr(item, name)
     plain = _plain(value)
     declared = getattr(item, "__pydantic_fields__", {}).get(name)
-    if is_dataclass(value) and (declared is None or declared.annotation is not type(value)):
+    alone = (type(value), type(value) | None)  # the field takes nothing else
+    if is_dataclass(value) and (declared is None or declared.annotation not in alone):
         return {
             "method": re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", type(value).__name__).lower()
         } | plain

@@ -150,9 +150,16 @@ class Tracks:
     """(n,) keypoints found in each projection, before any was matched or left out."""
     fixed_to_detector: int = 0
     """Keypoints left out because they do not move while the object does (dust, hot pixels)."""
+    keypoint: Integers = field(default_factory=lambda: np.empty(0, np.intp))
+    """(s,) number of the keypoint among all moving ones of the scan; empty where none is kept."""
+    unlike: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    """(s, 2) how little a sighting looks like its track: distance of the descriptors, difference of
+    the logarithms of the sizes; empty where nobody looked."""
 
     def __post_init__(self) -> None:
-        shapes = {a.shape for a in (self.feature, self.projection, self.column, self.row)}
+        columns = [self.feature, self.projection, self.column, self.row]
+        columns += [c[:, 0] if c.ndim > 1 else c for c in (self.keypoint, self.unlike) if len(c)]
+        shapes = {column.shape for column in columns}
         if len(shapes) != 1:
             raise ValueError(f"the columns of Tracks differ in length: {shapes}")
 
@@ -166,8 +173,8 @@ class Tracks:
         """Number of different features."""
         return len(np.unique(self.feature))
 
-    def chosen(self, mask: NDArray[np.bool_]) -> Tracks:
-        """Return the sightings where `mask` (s,) holds."""
+    def chosen(self, mask: NDArray[np.bool_] | Integers) -> Tracks:
+        """Return the sightings where `mask` (s,) holds, or those with the given numbers."""
         return Tracks(
             self.feature[mask],
             self.projection[mask],
@@ -175,7 +182,33 @@ class Tracks:
             self.row[mask],
             self.keypoints,
             self.fixed_to_detector,
+            self.keypoint[mask] if len(self.keypoint) else self.keypoint,
+            self.unlike[mask] if len(self.unlike) else self.unlike,
         )
+
+    def sighted(self, fewest: int) -> Tracks:
+        """Return the features with at least so many sightings."""
+        counts = np.bincount(self.feature) if self.n_sightings else np.zeros(1, np.intp)
+        return self.chosen(counts[self.feature] >= fewest)
+
+
+@dataclass(frozen=True)
+class Features:
+    """Where the features of some tracks lie, in the order of their numbers."""
+
+    position: Floats
+    """(f, 2) px: X and Z, from the axis."""
+    covariance: Floats
+    """(f, 2, 2) px squared, of `position` when the geometry is known."""
+    row: Floats
+    """(f,) detector row where the feature lies when it is on the axis, px."""
+    support: Floats
+    """(f,) sightings that agree: the sum of their weights, each at most about one."""
+    scatter: float
+    """px: robust standard deviation of the columns of sightings."""
+
+    def __len__(self) -> int:
+        return len(self.row)
 
 
 @dataclass(frozen=True)
@@ -206,6 +239,12 @@ class AngleMeasurements:
         """Number of triplets that were measured."""
         return len(self.projections)
 
+    @classmethod
+    def none(cls) -> AngleMeasurements:
+        """Return no measurements."""
+        number = np.empty(0, np.intp)
+        return cls(number.reshape(0, 3), np.empty((0, 2)), np.empty((0, 2, 2)), number, number)
+
 
 @dataclass(frozen=True)
 class Geometry:
@@ -228,6 +267,10 @@ class Geometry:
         axis, roll = self.axis + float(change[-2]), self.roll + float(change[-1])
         return Geometry(self.theta + change[:-2], axis, roll, self.middle)
 
+    def since(self, start: Geometry) -> Floats:
+        """(n + 2,) the change that led here from `start`."""
+        return np.append(self.theta - start.theta, [self.axis - start.axis, self.roll - start.roll])
+
     def axis_at(self, rows: NDArray[Any]) -> Floats:
         """Detector column of the axis at `rows`, px."""
         return np.asarray(self.axis + self.roll * (rows - self.middle), np.float64)
@@ -246,6 +289,10 @@ class Quadratic:
     pull: Floats
     """(n + 2,) slope at no change."""
 
+    def after(self, change: Floats) -> Quadratic:
+        """Return the same, told from where a `change` (n + 2,) leads to."""
+        return Quadratic(self.information, self.pull - self.information @ change)
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -263,6 +310,35 @@ class Evidence:
     """The same with the refined angles."""
     residual_gain_sigma: float
     """How consistently the residual falls over rows and parts of the turn, in standard errors."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A step of the stage far from what its encoder said, and far outside the encoder's noise."""
+
+    projection: int
+    """The first projection after it."""
+    size_deg: float
+    """Degrees that the stage went farther than recorded."""
+    significance: float
+    """The size, in standard deviations of a step."""
+    kind: str
+    """What it looks like: ``lost step``, ``dropped frame``, ``duplicated frame``, ``backlash``."""
+
+
+@dataclass(frozen=True)
+class StageNoise:
+    """The usual error of a rotation stage, by what it does to the recorded steps."""
+
+    walk: float
+    """Radians a step: errors of steps, which add up along the scan."""
+    jitter: float
+    """Radians: errors of single angles, which do not."""
+
+    @property
+    def step(self) -> float:
+        """Radians: standard deviation of a recorded step."""
+        return float(np.sqrt(self.walk**2 + 2 * self.jitter**2))
 
 
 @dataclass(frozen=True)
@@ -291,6 +367,18 @@ class Refinement:
     """By name of the angles: (n,) rms residual of each projection on `heldout_rows`."""
     heldout_rows: Integers = field(default_factory=lambda: np.empty(0, np.intp))
     """Rows that were kept out of the refinement."""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    """By name of each source of angle measurements: that it was used, or why it was left out."""
+    events: tuple[Event, ...] = ()
+    """Lost steps and the like, in order."""
+    roll: float = 0.0
+    """Tilt of the axis in the detector plane as the sources found it, radians."""
+    stage_noise: StageNoise | None = None
+    """The usual error of the rotation stage, where it was estimated."""
+    histograms: Mapping[str, Floats] = field(default_factory=dict)
+    """What histograms are drawn of: ``track_lengths`` (f,) sightings of each feature and
+    ``sighting_residuals`` (s,) px of the projections they were looked for in, column seen less
+    column expected; empty where no features were placed."""
 
     def __post_init__(self) -> None:
         if not self.recorded.shape == self.refined.shape == self.sigma.shape:

@@ -10,7 +10,7 @@ Every transform runs on one thread, so that results do not depend on the number 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -30,6 +30,8 @@ Spectrum: TypeAlias = NDArray[np.complex64]
 
 ACCURACY = 1e-5
 """Relative error of the transforms; single precision allows little more."""
+ASIDE = np.deg2rad(0.02)
+"""Radians to either side of an angle for the derivative by it, in `Radon.linearised`."""
 SLOW_SIDE = 128
 """A side of the fine grid that is a multiple of this makes the transforms slow."""
 REACH = 0.75
@@ -70,6 +72,20 @@ class Radon:
         cosine, sine = np.cos(self.theta)[:, None], np.sin(self.theta)[:, None]
         return self._detector(-2j * np.pi * self._frequencies * (cosine * by_z - sine * by_x))
 
+    def linearised(self, slices: Pixels) -> tuple[Pixels, Pixels, Pixels]:
+        """Return `project` and its derivatives by each angle and by the axis, (r, n, column) each.
+
+        From one transform a little to either side of each angle: two for all three, and to about
+        a hundredth as exact as `derivative`, per radian and per px.
+        """
+        sides = self._sides
+        lines = sides._radial_lines(slices) * sides._shift
+        before, after = np.split(lines, 2, axis=1)
+        middle = (before + after) / 2
+        turned = (after - before) / np.float32(2 * ASIDE)
+        along = middle * (-2j * np.pi * self._frequencies).astype(np.complex64)
+        return self._columns(middle), self._columns(turned), self._columns(along)
+
     def adjoint(self, sinograms: Pixels) -> Pixels:
         """Unfiltered back-projection (r, z, x) of `sinograms` (r, n, column)."""
         return self._spread(rfft(sinograms, self._length, axis=-1))
@@ -82,14 +98,19 @@ class Radon:
         """
         before = (self._length - self.n_columns) // 2
         padded = tapered(sinograms, before, self._length)
-        spectrum = rfft(padded, axis=-1) * np.exp(2j * np.pi * self._frequencies * before)
-        weights = angular_weights(self.theta)[:, None]
-        return self._spread(spectrum * (weights * ramp(self._length, window)))
+        back = np.exp(2j * np.pi * self._frequencies * before) * ramp(self._length, window)
+        filtering = np.outer(angular_weights(self.theta), back).astype(np.complex64)
+        return self._spread(rfft(padded, axis=-1) * filtering)
 
     def disc(self) -> NDArray[np.bool_]:
         """(z, x) pixels that every projection sees, were the axis in the middle."""
         along = np.arange(self.size) - (self.size - 1) / 2
         return np.asarray(np.hypot(along[:, None], along) <= self.size / 2 - 1)
+
+    @cached_property
+    def _sides(self) -> Radon:
+        """The same, looking from `ASIDE` before each angle, then from `ASIDE` after each."""
+        return replace(self, theta=np.concatenate([self.theta - ASIDE, self.theta + ASIDE]))
 
     @cached_property
     def _length(self) -> int:
@@ -145,14 +166,18 @@ class Radon:
 
     def _detector(self, spectrum: NDArray[Any]) -> Pixels:
         """(r, n, column) what has the `spectrum` (r, n, f), the axis at its column."""
-        projections = irfft(spectrum * self._shift, self._length, axis=-1)
+        return self._columns(spectrum * self._shift)
+
+    def _columns(self, spectrum: NDArray[Any]) -> Pixels:
+        """(r, n, column) what has the `spectrum` (r, n, f)."""
+        projections = irfft(spectrum, self._length, axis=-1)
         return projections[..., : self.n_columns].astype(np.float32)
 
     def _spread(self, spectrum: NDArray[Any]) -> Pixels:
         """(r, z, x) sum over all frequencies of `spectrum` (r, n, f), of which half are stored."""
         both = np.full(len(self._frequencies), 2 / self._length, np.float32)
         both[[0, -1]] = 1 / self._length
-        weighted = (spectrum * self._shift.conj() * both).astype(np.complex64)
+        weighted = (spectrum * (self._shift.conj() * both)).astype(np.complex64, copy=False)
         spread = self._plan(1, len(spectrum)).execute(weighted.reshape(len(spectrum), -1))
         inner = slice(self._margin, self._margin + self.size)
         return np.ascontiguousarray(spread.real[:, inner, inner], dtype=np.float32)

@@ -37,7 +37,7 @@ def test_recorded_angles_stay_where_nothing_was_measured(unmeasured: AngleMeasur
     solution = FactorGraph().solve(recorded, unmeasured)
     np.testing.assert_allclose(solution.theta, recorded, atol=1e-12)
     steps = np.arange(len(TRUE))
-    expected = np.hypot(Prior().sigma_deg, Encoder().sigma_deg * np.sqrt(steps))
+    expected = np.hypot(Prior().sigma_deg, 0.05 * np.sqrt(steps))
     np.testing.assert_allclose(np.rad2deg(solution.sigma), expected, rtol=1e-3)
 
 

@@ -19,7 +19,7 @@ GOOD = Evidence(
 )
 
 HALVES = (
-    "two halves of the tracks put the error of the refined angles at 0.05 degrees and that of the "
+    "two halves of the data put the error of the refined angles at 0.05 degrees and that of the "
     "recorded ones at 0.25"
 )
 FALLS = (
@@ -38,7 +38,7 @@ def test_recorded_angles_are_kept_when_the_halves_disagree() -> None:
     verdict = Gate().judge(replace(GOOD, half_error_deg=0.2))
     assert verdict.status == "kept"
     assert verdict.reason == (
-        "two halves of the tracks put the error of the refined angles at 0.2 degrees and that of "
+        "two halves of the data put the error of the refined angles at 0.2 degrees and that of "
         "the recorded ones at 0.25; less than 0.7 of it is needed"
     )
 
@@ -74,7 +74,7 @@ def test_both_reasons_are_told_when_nothing_speaks_for_the_refined_angles() -> N
     verdict = Gate().judge(replace(GOOD, recorded_error_deg=0.0, residual_gain_sigma=0.0))
     assert verdict.status == "kept"
     assert verdict.reason == (
-        "two halves of the tracks put the error of the refined angles at 0.05 degrees and that of "
+        "two halves of the data put the error of the refined angles at 0.05 degrees and that of "
         "the recorded ones at 0; less than 0.7 of it is needed; on rows that were not used the "
         "squared reprojection residual falls by 19.0% (+0.0 standard errors over rows and parts "
         "of the turn); a fall by 3 or more is needed"

@@ -61,7 +61,7 @@ def test_file_and_array_give_the_same_answer(
     assert work.refinement.axes == refined.axes
     assert work.refinement.evidence == refined.evidence
     assert work.refinement.status == refined.status == "accepted"
-    assert {"axis", "tracks", "angles", "graph", "gate"} <= set(work.seconds)
+    assert {"axis", "tracks", "features", "map", "graph", "gate"} <= set(work.seconds)
 
 
 def test_accepted_angles_are_written_and_the_recorded_ones_kept(accepted: Work, run) -> None:
@@ -137,7 +137,7 @@ def test_a_kept_scan_keeps_every_byte_and_its_time(
     before = aged(path)
     companion = tmp_path / "refined.h5" if output else None
     work = Work(path=path, folder=tmp_path / "report", output=companion)
-    run(work, "load_scan", "refine_theta", axis=65.5)
+    run(work, "load_scan", "refine_theta", axis=65.5, mapping=None)
     run(work, "write_theta")
     assert work.refinement.status == "kept"
     assert left(path) == before
@@ -235,7 +235,7 @@ def test_loading_tells_the_shape_and_bins_where_asked(grains_file: Path, tmp_pat
 
 def test_refining_tells_its_status_and_axis(smooth_file: Path, tmp_path: Path, run) -> None:
     work = run(Work(path=smooth_file, folder=tmp_path, dry_run=True), "load_scan")
-    told = STAGES["refine_theta"](axis=65.5).run(work)
+    told = STAGES["refine_theta"](axis=65.5, mapping=None).run(work)
     assert told == {"status": "kept", "axis": 65.5}
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from tomoslam_stage.products import Floats, Tracks
 from tomoslam_stage.stages.refining import RefineTheta
-from tomoslam_stage.stages.work import Clock
+from tomoslam_stage.stages.triplets import TripletSolver
 
 RECORDED = np.linspace(0, 3, 7)
 NONE = np.empty(0, np.intp)
@@ -46,9 +46,8 @@ def said(moves_deg: Sequence[float], **parameters: float) -> tuple[int, int]:
     """Return the number of the turn that counts, and how many there were."""
     stand_in = StandIn(moves_deg)
     real = RefineTheta(**parameters)
-    limits = {"rounds": real.rounds, "settled_deg": real.settled_deg}
-    stage = SimpleNamespace(angles=stand_in, refinement=stand_in, **limits)
-    turn, solution = RefineTheta._said(stage, TRACKS, RECORDED, 31.5, Clock({}))
+    solver = TripletSolver(stand_in, stand_in, real.rounds, real.settled_deg)
+    turn, solution = solver.said(TRACKS, RECORDED, 31.5)
     assert solution is stand_in.solved[turn - 1]
     np.testing.assert_array_equal(stand_in.expected[0], RECORDED)
     for expected, before in zip(stand_in.expected[1:], stand_in.solved, strict=False):

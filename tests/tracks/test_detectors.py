@@ -182,3 +182,19 @@ def test_a_flat_projection_is_stretched_to_grey() -> None:
     image, factor = stretched(np.zeros((4, 5), np.float32))
     assert factor == 1
     assert (image == 0.5).all()
+
+
+@every_detector
+def test_descriptors_are_mirrored_as_the_image_is(name: str) -> None:
+    there, mirrored = detected(name, blobs()), detected(name, blobs()[:, ::-1])
+    back = SHAPE[1] - 1 - mirrored.column
+    other, off = nearest(there, np.stack([mirrored.row, back], axis=1))
+    same = (np.linalg.norm(off, axis=1) < 0.5) & (
+        np.abs(np.log(there.size[other] / mirrored.size)) < 0.1
+    )
+    assert same.sum() > 15
+    expected = DETECTORS[name]().mirrored(there.descriptor[other[same]].astype(np.float32))
+    seen = mirrored.descriptor[same].astype(np.float32)
+    assert np.median(np.linalg.norm(expected - seen, axis=1)) < 0.2
+    turned = np.linalg.norm(there.descriptor[other[same]].astype(np.float32) - seen, axis=1)
+    assert np.median(turned) > 0.4

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, ArgumentTypeError, RawDescriptionHelpFormat
 from pathlib import Path
 
 PROGRAM = "python -m tomoslam_stage"
-PIPELINE_HELP = "default, paper, sirt or stripes, which come with the package, or a YAML file"
+PIPELINE_HELP = "default, fast, paper, sirt or stripes, which come with the package, or a YAML file"
 
 
 def new_parser(program: str, description: str, epilog: str = "") -> ArgumentParser:

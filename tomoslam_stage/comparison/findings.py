@@ -88,6 +88,18 @@ def verdict(findings: Findings) -> str:
     return f"refined angles accepted: reprojection residual on {where} {signed(percent)} %"
 
 
+def gauge(refinement: Refinement) -> str:
+    """Say what no scan tells about its angles, and how it was settled; empty where none moved."""
+    if not np.isfinite(refinement.sigma).any():
+        return ""
+    text = "the first angle is held where it was recorded; a common angle of all and the mirror "
+    text += "image cannot be seen; "
+    if "used" in refinement.sources.values():
+        text += "the common angle was taken out of sigma; axis and roll were solved together with "
+        return f"{text}the angles"
+    return f"{text}sigma is counted from the first angle; the axis was looked for by itself"
+
+
 def signed(value: float) -> str:
     """Write a change with one decimal and a sign that is not a hyphen."""
     return f"{value:+.1f}".replace("-", "−")

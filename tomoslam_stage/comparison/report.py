@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tomoslam_stage.comparison.findings import Findings, Run, residual_change
+from tomoslam_stage.comparison.findings import Findings, Run, gauge, residual_change
 from tomoslam_stage.comparison.regions import rms
 from tomoslam_stage.comparison.slices_picture import draw_comparison
 from tomoslam_stage.comparison.theta_picture import draw_theta
@@ -85,6 +85,19 @@ def report(findings: Findings, run: Run) -> dict[str, Any]:
     ``axis_px``
         px, column of the rotation axis that goes with the angles that stand, on the detector of
         the file (not binned, from 0).
+    ``sources``
+        Source of angle measurements -> ``used`` or ``left out: why``; empty where the pipeline has
+        triplets only.
+    ``events``
+        Lost steps and the like, in order: ``projection`` (the first one after it, from 0),
+        ``size_deg`` (how much farther the stage went than recorded), ``significance`` (standard
+        deviations of a step) and ``kind``.
+    ``stage``
+        degrees: ``walk_deg`` (error of each recorded step) and ``jitter_deg`` (error of each
+        angle by itself), None where they were not estimated; ``roll_deg``, tilt of the axis in the
+        detector plane, None where it was not looked for.
+    ``gauge``
+        What no scan tells about its angles, and how that was settled; None where none were found.
     ``comparison``
         ``residual_recorded`` and ``residual_refined`` (line integrals, reprojection residual, rms
         over the projections), ``residual_gain_percent`` (how much of it is gone; more is better),
@@ -116,6 +129,10 @@ def report(findings: Findings, run: Run) -> dict[str, Any]:
         **change_facts("proposed_", refinement.change),
         "median_sigma_deg": math.degrees(float(np.median(refinement.sigma))),
         "axis_px": findings.scan.column_in_file(refinement.axis),
+        "sources": refinement.sources,
+        "events": refinement.events,
+        "stage": stage_facts(refinement),
+        "gauge": gauge(refinement) or None,
         "comparison": comparison_facts(findings.comparison, refinement),
         "evidence": refinement.evidence,
         "counts": counts,
@@ -137,6 +154,17 @@ def change_facts(prefix: str, change: Floats) -> dict[str, float]:
     return {
         f"{prefix}rms_change_deg": math.degrees(rms(change)),
         f"{prefix}max_change_deg": math.degrees(float(np.abs(change).max(initial=0))),
+    }
+
+
+def stage_facts(refinement: Refinement) -> dict[str, float | None]:
+    """Tell in degrees how the rotation stage errs, and how its axis is tilted."""
+    noise = refinement.stage_noise
+    rolled = "used" in refinement.sources.values()
+    return {
+        "walk_deg": None if noise is None else math.degrees(noise.walk),
+        "jitter_deg": None if noise is None else math.degrees(noise.jitter),
+        "roll_deg": math.degrees(refinement.roll) if rolled else None,
     }
 
 

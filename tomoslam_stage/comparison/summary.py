@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 LABEL = 14
 WIDTH = 100
+MOST_EVENTS = 5
+"""More are only counted."""
 
 
 def summary(report: Mapping[str, Any], folder: Path | None = None) -> str:
-    """Tell in about ten lines what a report says.
+    """Tell in about a dozen lines what a report says.
 
     Parameters
     ----------
@@ -24,8 +26,11 @@ def summary(report: Mapping[str, Any], folder: Path | None = None) -> str:
     first = f"{report['scan']['name']}: {HEADLINES[report['status']]}"
     said = {
         "why": report["reason"],
+        "sources": sources(report),
         "angles": angles(report),
         "sigma": sigma(report["median_sigma_deg"]),
+        "events": events(report["events"]),
+        "stage": stage(report["stage"]),
         "axis": f"detector column {number(report['axis_px'], 6)}",
         "residual": residual(report),
         "halves": halves(report),
@@ -72,6 +77,35 @@ def angles(report: Mapping[str, Any]) -> str:
 def sigma(median: float | None) -> str:
     """How sure the angles are by the factors' own account."""
     return "" if median is None else f"{number(median)} deg, median of the angles found"
+
+
+def sources(report: Mapping[str, Any]) -> str:
+    """Which sources were believed, and why others were not; empty where the reason said it."""
+    said = "; ".join(f"{name} {note}" for name, note in report["sources"].items())
+    return "" if said == report["reason"] else said
+
+
+def events(all_events: Sequence[Mapping[str, Any]]) -> str:
+    """Name the surest lapses of the stage, in their order, and count the others."""
+    surest = sorted(all_events, key=lambda event: -event["significance"])[:MOST_EVENTS]
+    said = [
+        f"{event['kind']} of {event['size_deg']:+.3g} deg before projection {event['projection']} "
+        f"({number(event['significance'], 2)} sigma)"
+        for event in sorted(surest, key=lambda event: int(event["projection"]))
+    ]
+    more = len(all_events) - len(said)
+    return "; ".join(said) + (f"; and {more} more" if more else "")
+
+
+def stage(facts: Mapping[str, float | None]) -> str:
+    """How the rotation stage errs, and how its axis is tilted, where that is known."""
+    said = []
+    if facts["walk_deg"] is not None:
+        walk, jitter = number(facts["walk_deg"], 2), number(facts["jitter_deg"], 2)
+        said.append(f"error of the recorded steps: walk {walk} deg a step, jitter {jitter} deg")
+    if facts["roll_deg"] is not None:
+        said.append(f"roll of the axis {facts['roll_deg']:z.3f} deg")
+    return "; ".join(said)
 
 
 def residual(report: Mapping[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,12 +10,19 @@ import numpy as np
 
 from tomoslam_stage.comparison import canvas
 from tomoslam_stage.comparison.canvas import Box
+from tomoslam_stage.comparison.events import draw_events
 from tomoslam_stage.comparison.findings import (
     Findings,
     ResidualChange,
+    gauge,
     residual_change,
     rows_word,
     verdict,
+)
+from tomoslam_stage.comparison.histograms import (
+    HISTOGRAMS_HEIGHT,
+    draw_histograms,
+    histograms_of,
 )
 from tomoslam_stage.comparison.metrics import difference_of_angles
 from tomoslam_stage.comparison.regions import rms
@@ -22,31 +30,49 @@ from tomoslam_stage.products import Floats, Refinement
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LEAST_SPAN_DEG = 0.01
 """Of the correction's panel, small against the errors of a stage."""
 FEW_POINTS = 60
 """Below that each projection gets a dot."""
+PANELS_HEIGHT = 5.9
+"""Inches of the two panels over all projections, with what stands beside them."""
 
 
 def draw_theta(path: Path, findings: Findings) -> None:
     """Draw the correction with its sigma, and below it the residuals of the projections.
 
-    Where no residuals are known the steps between neighbours stand below. A correction that was
-    not accepted is drawn too, and marked.
+    Lapses of the stage are marked. Where no residuals are known the steps between neighbours stand
+    in their place. A correction that was not accepted is drawn too, and marked. Histograms of the
+    tracks follow where features were placed, and in the foot what no scan tells about its angles.
     """
     refinement = findings.refinement
     change = np.degrees(refinement.change)
     text = f"{findings.scan.name} · {len(change)} projections · correction found: "
     text += f"{rms(change):.3g}° rms, {np.abs(change).max(initial=0):.3g}° at most"
     said = canvas.header(verdict(findings), [refinement.reason, text])
-    figure = canvas.new_figure(said.height + 5.9)
+    histograms = histograms_of(refinement)
+    foot = textwrap.wrap(gauge(refinement), canvas.TEXT_CHARACTERS)
+    below = said.height + PANELS_HEIGHT
+    bottom = below + (HISTOGRAMS_HEIGHT if histograms else 0)
+    figure = canvas.new_figure(bottom + 0.2 * len(foot) + (0.1 if foot else 0))
     canvas.write_header(figure, said)
+    draw_panels(figure, said.height, findings)
+    draw_histograms(figure, below, histograms)
+    for k, line in enumerate(foot):
+        style = {"fontsize": canvas.SMALL_SIZE, "color": canvas.FAINT}
+        canvas.write(figure, (canvas.LEFT, bottom + 0.05 + 0.2 * k), line, style)
+    canvas.save(figure, path)
+
+
+def draw_panels(figure: Figure, top: float, findings: Findings) -> None:
+    """Draw the two panels over all projections, `top` inches down the picture."""
     left = canvas.LEFT + 0.3
     width = canvas.WIDTH - left - 0.3
-    upper = canvas.panel(figure, Box(left, said.height + 0.3, width, 2.6))
-    lower = canvas.panel(figure, Box(left, said.height + 3.3, width, 2.0))
-    along, label = abscissa(refinement.recorded)
+    upper = canvas.panel(figure, Box(left, top + 0.3, width, 2.6))
+    lower = canvas.panel(figure, Box(left, top + 3.3, width, 2.0))
+    along, label = abscissa(findings.refinement.recorded)
     draw_correction(upper, along, findings)
     draw_residuals_or_steps(lower, along, findings)
     for axes in (upper, lower):
@@ -56,7 +82,6 @@ def draw_theta(path: Path, findings: Findings) -> None:
     upper.sharex(lower)
     upper.tick_params(labelbottom=False)
     lower.set_xlabel(label, fontsize=canvas.TEXT_SIZE, color=canvas.INK)
-    canvas.save(figure, path)
 
 
 def abscissa(recorded: Floats) -> tuple[Floats, str]:
@@ -85,6 +110,7 @@ def draw_correction(axes: Axes, along: Floats, findings: Findings) -> None:
     low, high = axes.get_ylim()
     # Nothing but rounding would fill the panel otherwise.
     axes.set_ylim(min(low, -LEAST_SPAN_DEG / 2), max(high, LEAST_SPAN_DEG / 2))
+    draw_events(axes, along, change, refinement.events)
     axes.set_ylabel("refined − recorded / °", fontsize=canvas.TEXT_SIZE, color=canvas.INK)
 
 

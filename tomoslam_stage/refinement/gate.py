@@ -68,8 +68,8 @@ class Gate:
     """Weighs two kinds of evidence; both must speak for the refined angles."""
 
     half_share: Annotated[float, Field(gt=0, le=1)] = 0.7
-    """Largest error of the refined angles, as two halves of the tracks show it, in units of the
-    error of the recorded ones."""
+    """Largest error of the refined angles, as two halves of the data show it, in units of the error
+    of the recorded ones."""
     half_measured: Annotated[float, Field(ge=0, le=1)] = 0.15
     """Fewest triplets either half must measure, in units of those that all tracks measured: halves
     that measure nothing agree on the recorded angles."""
@@ -79,7 +79,7 @@ class Gate:
     def judge(self, evidence: Evidence) -> Verdict:
         """Accept the refined angles or keep the recorded ones, with the reason in numbers."""
         halves = (
-            "two halves of the tracks put the error of the refined angles at "
+            "two halves of the data put the error of the refined angles at "
             f"{evidence.half_error_deg:.3g} degrees and that of the recorded ones at "
             f"{evidence.recorded_error_deg:.3g}"
         )
@@ -129,10 +129,30 @@ def weigh(recorded: Floats, halves: Halves, squares: Mapping[str, Floats]) -> Ev
         ``recorded`` and ``refined``: (r, n) mean squared residual on rows that were not used, see
         `Reprojection.squares`.
     """
+    errors = halves.error, halves.error_of(recorded)
+    return evidence_of(recorded, errors, halves.measured, squares)
+
+
+def evidence_of(
+    recorded: Floats, errors: tuple[float, float], measured: float, squares: Mapping[str, Floats]
+) -> Evidence:
+    """Put numbers to the evidence, see `weigh`.
+
+    Parameters
+    ----------
+    recorded
+        (n,) radians.
+    errors
+        Radians: of the refined and of the recorded angles, as halves show them.
+    measured
+        What the poorer half measured, in units of what all data did.
+    squares
+        ``recorded`` and ``refined``: (r, n) mean squared residual on rows that were not used.
+    """
     return Evidence(
-        half_error_deg=float(np.rad2deg(halves.error)),
-        recorded_error_deg=float(np.rad2deg(halves.error_of(recorded))),
-        half_measured=halves.measured,
+        half_error_deg=float(np.rad2deg(errors[0])),
+        recorded_error_deg=float(np.rad2deg(errors[1])),
+        half_measured=measured,
         residual_recorded=float(np.sqrt(squares["recorded"].mean())),
         residual_refined=float(np.sqrt(squares["refined"].mean())),
         residual_gain_sigma=gain_sigma(squares, recorded),

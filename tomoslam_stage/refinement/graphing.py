@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import field
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BeforeValidator
 
 from tomoslam_stage.errors import PipelineError, nearest
 from tomoslam_stage.methods import checked, method
-from tomoslam_stage.products import AngleMeasurements, Floats
-from tomoslam_stage.refinement.factors import FACTORS, Factor
+from tomoslam_stage.products import AngleMeasurements, Floats, Geometry, Quadratic, StageNoise
+from tomoslam_stage.refinement.factors import FACTORS, Encoder, Factor
 from tomoslam_stage.refinement.gate import Gate
+from tomoslam_stage.refinement.joint import joint_graph, stacked
 from tomoslam_stage.refinement.solve import Solution, Solver
 
+DOUBTED_DEG, HELD = 1.0, 1e6
+"""Standard deviation of a step, degrees, that lets the other sources speak alone; never robust."""
 INDISPENSABLE = ("prior", "encoder")
 """Factors that reach every angle, whatever was measured."""
 
@@ -62,3 +66,40 @@ class FactorGraph:
         """Find the angles that agree best with the recorded `theta` (n,) and `measurements`."""
         blocks = {name: f.block(theta, measurements) for name, f in self.factors.items()}
         return self.solver.solve(blocks, theta)
+
+    def joint(
+        self,
+        recorded: Geometry,
+        measurements: AngleMeasurements,
+        here: Geometry,
+        quadratics: Sequence[Quadratic],
+    ) -> Any:
+        """Return the graph, around `here`, of all factors and of sources tied to all angles.
+
+        Ask it with `change_of` and `covariance_of`.
+        """
+        rows = [
+            factor.chain(recorded.theta, here.theta)
+            if isinstance(factor, Encoder)
+            else stacked(factor.block(recorded.theta, measurements), here.theta)
+            for factor in self.factors.values()
+        ]
+        return joint_graph(rows, recorded, here, quadratics)
+
+    def informed(self, noise: StageNoise) -> FactorGraph:
+        """Return the same with an encoder factor of this noise, where a pipeline gives no other."""
+        encoder = self.factors["encoder"]
+        if not isinstance(encoder, Encoder):
+            return self
+        known = {"sigma_deg": noise.walk, "jitter_deg": noise.jitter}
+        estimated = {
+            name: float(np.degrees(sigma))
+            for name, sigma in known.items()
+            if getattr(encoder, name) is None
+        }
+        return replace(self, factors={**self.factors, "encoder": replace(encoder, **estimated)})
+
+    def doubting(self) -> FactorGraph:
+        """Return the same with an encoder factor that says next to nothing."""
+        factors = {**self.factors, "encoder": Encoder(sigma_deg=DOUBTED_DEG, robust=HELD)}
+        return replace(self, factors=factors)

@@ -9,37 +9,28 @@ import numpy as np
 from pydantic import Field
 
 from tomoslam_stage.angles import Triplets
+from tomoslam_stage.errors import PipelineError
 from tomoslam_stage.heldout import Rows, hold_out
+from tomoslam_stage.mapping import Mapping
 from tomoslam_stage.methods import method
-from tomoslam_stage.products import (
-    AngleMeasurements,
-    Floats,
-    Integers,
-    Pixels,
-    Refinement,
-    Scan,
-    Tracks,
-    Values,
+from tomoslam_stage.products import Floats, Geometry, Integers, Pixels, Refinement, Scan, Values
+from tomoslam_stage.refinement import (
+    FactorGraph,
+    Landmarks,
+    evidence_of,
+    nothing_measured,
+    weigh,
 )
-from tomoslam_stage.refinement import FactorGraph, Halves, Solution, nothing_measured, weigh
 from tomoslam_stage.reprojection import Reprojection
 from tomoslam_stage.scans import binned
+from tomoslam_stage.stages.choosing import Choice
+from tomoslam_stage.stages.sources import Outcome, Sources
+from tomoslam_stage.stages.triplets import Found, TripletSolver
 from tomoslam_stage.stages.work import Clock, SideOutputs, Work, check_axis
-from tomoslam_stage.tracks import Tracking, halves
+from tomoslam_stage.tracks import Tracking
 
 AXIS_ROWS = 5
 """At most so many of the unused rows look for the axis."""
-
-
-@dataclass(frozen=True)
-class Found:
-    """What the features of a scan say."""
-
-    tracks: Tracks
-    measurements: AngleMeasurements
-    solution: Solution
-    halves: Halves
-    """Its angles again, and those of either half of the tracks."""
 
 
 @dataclass(frozen=True)
@@ -81,17 +72,28 @@ class RefineTheta:
     width: Annotated[int, Field(ge=64)] = 640
     """Wider scans are binned until they have at most so many columns."""
     rounds: Annotated[int, Field(ge=1)] = 4
-    """At most so many rounds of measuring triplets and solving the graph."""
+    """At most so many rounds of measuring triplets, or of growing tracks, and solving the graph."""
     settled_deg: Annotated[float, Field(gt=0)] = 0.01
     """Angles that change less than this in a round have settled, degrees."""
     tracks: Tracking = field(default_factory=Tracking)
     """How features are found and followed."""
-    angles: Triplets = field(default_factory=Triplets)
-    """How the steps between projections are measured."""
+    angles: Triplets | None = None
+    """How the steps between projections are measured in triplets; null: not at all."""
+    landmarks: Landmarks | None = field(default_factory=Landmarks)
+    """How features are placed together with the angles; null: not at all."""
+    mapping: Mapping | None = field(default_factory=Mapping)
+    """How the reconstruction itself tells the angles; null: not at all."""
+    choice: Choice = field(default_factory=Choice)
+    """Which of these is believed."""
     refinement: FactorGraph = field(default_factory=FactorGraph)
-    """How measured and recorded steps become angles, and when these stand."""
+    """How everything measured, and the recorded steps, become angles, and when these stand."""
     reprojection: Reprojection = field(default_factory=Reprojection)
     """How angles and axis are judged on rows that were not used."""
+
+    def __post_init__(self) -> None:
+        if self.angles is None and self.landmarks is None and self.mapping is None:
+            found = "angles, landmarks and mapping are all null; one of them is needed."
+            raise PipelineError("refine_theta", found)
 
     def run(self, work: Work) -> SideOutputs:
         """Leave the refinement."""
@@ -110,12 +112,9 @@ class RefineTheta:
         unused = Unused(small, rows.heldout, small.sinograms(rows.heldout))
         with clock("axis"):
             self._judge("recorded", scan.theta, unused)
-        found = self._found(small, unused.axes["recorded"], rows, clock)
-        with clock("gate"):
-            if not found.measurements.n_measured:
-                return unmeasured(scan, found, unused)
-            self._judge("refined", found.solution.theta, unused)
-            return self._judged(scan, found, unused)
+        if self.landmarks is None and self.mapping is None:
+            return self._by_triplets(scan, rows, unused, clock)
+        return self._by_sources(scan, rows, unused, clock)
 
     def _judge(self, name: str, theta: Floats, unused: Unused) -> None:
         """Reproject the unused rows with `theta` and the axis that suits it best."""
@@ -130,42 +129,22 @@ class RefineTheta:
         unused.axes[name] = axis
         unused.squares[name] = judge.squares(sinograms, theta, axis)
 
-    def _found(self, scan: Scan, axis: float, rows: Rows, clock: Clock) -> Found:
-        """Ask all tracks, and either half of them."""
+    def _by_triplets(self, scan: Scan, rows: Rows, unused: Unused, clock: Clock) -> Refinement:
+        """Refine as the paper does."""
+        small, axis = unused.scan, unused.axes["recorded"]
         with clock("tracks"):
-            tracks = self.tracks.track(scan, axis, rows.usable)
-        parts = (tracks, *halves(tracks, scan.n_rows))
-        said = [self._said(part, scan.theta, axis, clock) for part in parts]
-        measurements, solution = said[0]
-        counted = [measured.n_measured for measured, _ in said]
-        poorer = min(counted[1:]) / max(counted[0], 1)
-        whole, first, second = (solved.theta for _, solved in said)
-        halved = Halves(whole, first, second, measured=poorer)
-        return Found(tracks, measurements, solution, halved)
+            tracks = self.tracks.track(small, axis, rows.usable)
+        with clock("triplets"):
+            found = self._triplets().found(tracks, scan.theta, axis, small.n_rows)
+        with clock("gate"):
+            if not found.measurements.n_measured:
+                return unmeasured(scan, found, unused)
+            self._judge("refined", found.solution.theta, unused)
+            return self._judged(scan, found, unused)
 
-    def _said(
-        self, tracks: Tracks, recorded: Floats, axis: float, clock: Clock
-    ) -> tuple[AngleMeasurements, Solution]:
-        """Measure and solve in turns: better angles tell better what a triplet should look like.
-
-        Where the turns lead further and further away, the tracks are no good; the first counts.
-        """
-        said: list[tuple[AngleMeasurements, Solution]] = []
-        changes: list[float] = []
-        expected = recorded
-        for _ in range(self.rounds):
-            with clock("angles"):
-                measurements = self.angles.measure(tracks, expected, axis)
-            with clock("graph"):
-                solution = self.refinement.solve(recorded, measurements)
-            said.append((measurements, solution))
-            changes.append(float(np.rad2deg(np.abs(solution.theta - expected).max())))
-            if len(changes) > 1 and changes[-1] >= changes[0]:
-                return said[0]
-            if changes[-1] < self.settled_deg:
-                break
-            expected = solution.theta
-        return said[-1]
+    def _triplets(self) -> TripletSolver:
+        angles = self.angles or Triplets()
+        return TripletSolver(angles, self.refinement, self.rounds, self.settled_deg)
 
     def _judged(self, scan: Scan, found: Found, unused: Unused) -> Refinement:
         evidence = weigh(scan.theta, found.halves, unused.squares)
@@ -182,6 +161,75 @@ class RefineTheta:
             counts=counts(found),
             **unused.told_in(scan),
         )
+
+    def _by_sources(self, scan: Scan, rows: Rows, unused: Unused, clock: Clock) -> Refinement:
+        """Refine with features as landmarks, the map, or both, in one graph."""
+        small = unused.scan
+        start = Geometry(scan.theta, unused.axes["recorded"], middle=(small.n_rows - 1) / 2)
+
+        def judge(name: str, theta: Floats) -> Floats:
+            if name not in unused.squares:
+                self._judge(name, theta, unused)
+            return unused.squares[name]
+
+        sources = Sources(
+            self.tracks,
+            self.angles,
+            self.landmarks,
+            self.mapping,
+            self.choice,
+            self.refinement,
+            self.rounds,
+            self.settled_deg,
+        )
+        outcome = sources.ask(small, rows, start, judge, clock)
+        with clock("gate"):
+            return self._weighed(scan, outcome, unused)
+
+    def _weighed(self, scan: Scan, outcome: Outcome, unused: Unused) -> Refinement:
+        """Let the gate judge what the sources came to."""
+        if outcome.fused is None:
+            return unanswered(scan, outcome, unused)
+        fused, recorded = outcome.fused, scan.theta
+        theta = fused.geometry.theta
+        self._judge("refined", theta, unused)
+        change = float(np.std(theta - recorded))
+        errors = fused.half_error, float(np.sqrt(max(change**2 - fused.half_error**2, 0.0)))
+        evidence = evidence_of(recorded, errors, 1.0, unused.squares)
+        verdict = self.refinement.gate.judge(evidence)
+        return Refinement(
+            recorded=recorded,
+            refined=theta,
+            sigma=fused.sigma,
+            status=verdict.status,
+            reason=verdict.reason,
+            evidence=evidence,
+            residuals=fused.residuals,
+            sources=outcome.sources,
+            counts=outcome.counts,
+            events=outcome.events,
+            roll=fused.geometry.roll,
+            stage_noise=outcome.noise,
+            histograms=outcome.histograms,
+            **unused.told_in(scan),
+        )
+
+
+def unanswered(scan: Scan, outcome: Outcome, unused: Unused) -> Refinement:
+    """Keep the recorded angles of a scan about which no source says anything."""
+    unused.axes["refined"] = unused.axes["recorded"]
+    unused.squares["refined"] = unused.squares["recorded"]
+    return Refinement(
+        recorded=scan.theta,
+        refined=scan.theta,
+        sigma=np.full(len(scan.theta), np.nan),
+        status="kept",
+        reason="; ".join(f"{name} {note}" for name, note in outcome.sources.items()),
+        sources=outcome.sources,
+        counts=outcome.counts,
+        histograms=outcome.histograms,
+        **unused.told_in(scan),
+    )
 
 
 def unmeasured(scan: Scan, found: Found, unused: Unused) -> Refinement:

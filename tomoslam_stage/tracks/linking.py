@@ -96,4 +96,5 @@ def tracks_of(runs: Sequence[Integers], keypoints: Sequence[Keypoints], fixed: i
         row=np.concatenate([k.row for k in keypoints])[number],
         keypoints=np.array([len(k) for k in keypoints]),
         fixed_to_detector=fixed,
+        keypoint=number,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -10,13 +10,25 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tomoslam_stage.methods import chosen_from, method
-from tomoslam_stage.products import Scan, Tracks
+from tomoslam_stage.products import Features, Geometry, Scan, Tracks
 from tomoslam_stage.tracks.detectors import DETECTORS, Detector, Sift
 from tomoslam_stage.tracks.fixed import FixedToDetector
 from tomoslam_stage.tracks.following import FOLLOWERS, Follower, Runs, Sights
+from tomoslam_stage.tracks.growing import Growing, Known, numbered
 from tomoslam_stage.tracks.keypoints import find_keypoints
 from tomoslam_stage.tracks.linking import tracks_of
 from tomoslam_stage.tracks.matching import Matching
+from tomoslam_stage.tracks.table import KeypointTable
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What was seen in a scan."""
+
+    table: KeypointTable
+    """All keypoints that move."""
+    tracks: Tracks
+    """Those that were followed; their `keypoint` is a number in `table`."""
 
 
 @method
@@ -38,6 +50,9 @@ class Tracking:
     background: Annotated[float, Field(gt=1)] = 4.0
     """What is smoother than a Gaussian of this width, px, is taken off before detection."""
 
+    growing: Growing = field(default_factory=Growing)
+    """How features are looked for once it is known where they are."""
+
     def track(self, scan: Scan, axis: float, usable: NDArray[np.bool_]) -> Tracks:
         """Follow the features of `scan`.
 
@@ -50,8 +65,32 @@ class Tracking:
         usable
             (row,) whether keypoints may be taken from a row.
         """
+        return self.see(scan, axis, usable).tracks
+
+    def see(self, scan: Scan, axis: float, usable: NDArray[np.bool_]) -> Seen:
+        """Follow the features of `scan`, see `track`, and keep the keypoints to look them up."""
         everything = find_keypoints(scan, self.detector, self.background, usable)
         fixed = self.fixed.find(everything, scan.theta)
         moving = [k.chosen(~mask) for k, mask in zip(everything, fixed, strict=True)]
         runs = self.follower.runs(Sights(moving, scan.theta, axis, self.matching))
-        return tracks_of(runs, moving, sum(int(mask.sum()) for mask in fixed))
+        tracks = tracks_of(runs, moving, sum(int(mask.sum()) for mask in fixed))
+        table = KeypointTable.of(moving, self.detector.mirrored)
+        return Seen(table, table.compared(tracks))
+
+    def grow(
+        self, table: KeypointTable, tracks: Tracks, features: Features, geometry: Geometry
+    ) -> Tracks:
+        """Look for all features of `tracks` in every projection.
+
+        Parameters
+        ----------
+        table
+            The keypoints, see `see`.
+        tracks
+            The sightings so far, with the numbers of their keypoints.
+        features
+            Where the features of `tracks` lie, in the order of their numbers.
+        geometry
+            Where the projections look from.
+        """
+        return self.growing.grow(Known(table, numbered(tracks), features, geometry))

@@ -8,24 +8,39 @@ import numpy as np
 from pydantic import Field
 
 from tomoslam_stage.methods import method
+from tomoslam_stage.products import StageNoise
 from tomoslam_stage.refinement.factors.block import Block
 
 if TYPE_CHECKING:
     from tomoslam_stage.products import AngleMeasurements, Floats
 
+START_DEG = 0.05
+"""Standard deviation of a step, degrees, before anything is known about the stage."""
+
 
 @method
 class Encoder:
-    """The paper's Enc-factors: each recorded step is right but for independent noise.
+    """The paper's Enc-factors: each recorded step is right but for noise.
 
-    Errors of the steps add up along the scan (a walk). A lost step is far outside the noise; the
-    robust noise model lets go of it, so that it does not smear over its neighbours.
+    Errors of steps add up along the scan (a walk); errors of single angles (jitter) do not. A lost
+    step is far outside the noise; the robust noise model lets go of it, so that it does not smear
+    over its neighbours.
     """
 
-    sigma_deg: Annotated[float, Field(gt=0)] = 0.05
-    """Standard deviation of a recorded step, degrees (the paper's stepper motor)."""
+    sigma_deg: Annotated[float, Field(gt=0)] | None = None
+    """Standard deviation of the error of a recorded step, degrees; by default estimated from the
+    scan, from the paper's 0.05 degrees on."""
+    jitter_deg: Annotated[float, Field(ge=0)] | None = None
+    """Standard deviation of the error of a single recorded angle, degrees; by default estimated
+    from the scan, from none on."""
     robust: Annotated[float, Field(gt=0)] = 4.0
     """Standard deviations beyond which a step loses its grip."""
+
+    @property
+    def noise(self) -> StageNoise:
+        """Its noise, in radians."""
+        walk = START_DEG if self.sigma_deg is None else self.sigma_deg
+        return StageNoise(float(np.deg2rad(walk)), float(np.deg2rad(self.jitter_deg or 0.0)))
 
     def block(self, theta: Floats, measurements: AngleMeasurements) -> Block:  # noqa: ARG002
         """Return a factor for each pair of projections that follow each other, see `Factor`."""
@@ -34,6 +49,30 @@ class Encoder:
             projections=np.stack([following, following + 1], axis=1),
             jacobian=np.array([[-1.0, 1.0]]),
             measured=np.diff(theta)[:, None],
-            whitening=np.full((len(theta) - 1, 1, 1), 1 / np.deg2rad(self.sigma_deg)),
+            whitening=np.full((len(theta) - 1, 1, 1), 1 / self.noise.step),
             robust=self.robust,
         )
+
+    def chain(self, recorded: Floats, theta: Floats) -> tuple[Floats, Floats]:
+        """Whiten all steps together: neighbours err against each other where angles jitter.
+
+        Parameters
+        ----------
+        recorded, theta
+            (n,) radians.
+
+        Returns
+        -------
+        Jacobian (n - 1, n) by the angles, and what the steps want to change (n - 1,), both in
+        standard deviations. A step that is far off has its variance raised (Cauchy).
+        """
+        from scipy.linalg import cholesky_banded, solve_banded
+
+        errors, noise = np.diff(theta - recorded), self.noise
+        usual = noise.step**2
+        raised = usual * (1 + errors**2 / (self.robust**2 * usual))
+        bands = np.stack([raised, np.full(len(raised), -(noise.jitter**2))])
+        root = cholesky_banded(bands, lower=True)
+        differences = np.diff(np.eye(len(theta)), axis=0)
+        whitened = solve_banded((1, 0), root, np.column_stack([differences, -errors]))
+        return whitened[:, :-1], whitened[:, -1]

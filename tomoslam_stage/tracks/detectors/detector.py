@@ -46,3 +46,10 @@ class Detector(Protocol):
         `noise` is the standard deviation of the white noise in `image`.
         """
         ...
+
+    def mirrored(self, descriptors: Pixels) -> Pixels:
+        """(k, d) descriptors of the patches that `descriptors` (k, d) see, in the mirror.
+
+        Half a turn on, a projection is its own mirror image, columns reversed.
+        """
+        ...

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
     from tomoslam_stage.products import Pixels
 
+ROW, COLUMN, ORIENTATION = np.indices((4, 4, 8))
+MIRROR = ((4 * ROW + 3 - COLUMN) * 8 + (4 - ORIENTATION) % 8).ravel()
+"""(128,) Where the histograms (row, column, orientation) of a mirrored patch are found."""
+
 
 @method
 class Sift:
@@ -63,6 +67,10 @@ class Sift:
         length = np.linalg.norm(descriptor, axis=1, keepdims=True)
         unit = (descriptor / np.maximum(length, 1e-6)).astype(np.float16)
         return Keypoints(column, row, size, unit)
+
+    def mirrored(self, descriptors: Pixels) -> Pixels:
+        """Reverse the columns of cells and turn the orientations round, see `Detector`."""
+        return descriptors[:, MIRROR]
 
 
 def distinct(found: Sequence[KeyPoint]) -> list[KeyPoint]:

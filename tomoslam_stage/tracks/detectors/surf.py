@@ -46,6 +46,11 @@ class Surf:
         row, column, size = row[strongest], column[strongest], size[strongest]
         return Keypoints(column, row, size, describe(grey, column, row, size))
 
+    def mirrored(self, descriptors: Pixels) -> Pixels:
+        """Reverse the columns of cells and the sign of what changes along them, see `Detector`."""
+        cells = descriptors.reshape(-1, 4, 4, 4)[:, :, ::-1]
+        return np.asarray(cells * np.array([-1, 1, 1, 1], cells.dtype)).reshape(-1, 64)
+
 
 def describe(image: Floats, column: Floats, row: Floats, size: Floats) -> Descriptors:
     """(k, 64) upright SURF descriptors (section 4 of Bay et al.): Haar responses in 4 x 4 cells.

@@ -1,0 +1,158 @@
+"""The graph of all angles, axis and roll, against the dense normal equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tomoslam_stage.products import AngleMeasurements, Floats, Geometry, Quadratic
+from tomoslam_stage.refinement import FactorGraph
+from tomoslam_stage.refinement.factors import Cv, Encoder, Prior
+from tomoslam_stage.refinement.graph import linear_graph
+from tomoslam_stage.refinement.joint import (
+    AXIS_SIGMA_PX,
+    ROLL_SIGMA_DEG,
+    change_of,
+    covariance_of,
+    stacked,
+    without_common_angle,
+)
+
+N = 12
+NONE = AngleMeasurements.none()
+ENCODER = Encoder(sigma_deg=0.2, jitter_deg=0.1)
+PRIOR = Prior(sigma_deg=0.05)
+
+
+def quadratic(seed: int, rank: int = 2 * N) -> Quadratic:
+    """Say something about everything, that no other seed says."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(0, 300, (rank, N + 2))
+    return Quadratic(rows.T @ rows, rows.T @ rng.normal(0, 1, rank))
+
+
+@pytest.fixture
+def recorded() -> Geometry:
+    steps = np.random.default_rng(1).normal(5, 0.3, N)
+    return Geometry(np.deg2rad(np.cumsum(steps)), axis=31.0, middle=12.0)
+
+
+@pytest.fixture
+def here(recorded: Geometry) -> Geometry:
+    """Not where the recorded angles are."""
+    change = np.deg2rad(np.random.default_rng(2).normal(0, 0.2, N + 2))
+    change[-2] = 0.3
+    return recorded.moved(change)
+
+
+@pytest.fixture
+def graph() -> FactorGraph:
+    """Believe every step, however far it is off."""
+    trusting = Encoder(sigma_deg=0.2, jitter_deg=0.1, robust=1e9)
+    return FactorGraph(factors={"prior": PRIOR, "encoder": trusting, "cv": Cv()})
+
+
+def steps_covariance() -> Floats:
+    """(n - 1, n - 1) radians squared: of steps whose ends jitter."""
+    steps = np.diff(np.eye(N), axis=0)
+    return np.deg2rad(0.2) ** 2 * np.eye(N - 1) + np.deg2rad(0.1) ** 2 * steps @ steps.T
+
+
+def expected(recorded: Geometry, here: Geometry, said: list[Quadratic]) -> tuple[Floats, Floats]:
+    """Information and pull of encoder, prior, axis, roll and sources, written out."""
+    free = np.eye(N) - 1 / N
+    outwards = np.zeros((N + 2, N + 2))
+    outwards[:N, :N], outwards[N:, N:] = free, np.eye(2)
+    whitener = np.linalg.inv(np.linalg.cholesky(steps_covariance()))
+    steps = whitener @ np.diff(np.eye(N, N + 2), axis=0)
+    first = np.eye(1, N + 2) / np.deg2rad(0.05)
+    loose = np.eye(N + 2)[N:] / np.array([[AXIS_SIGMA_PX], [np.deg2rad(ROLL_SIGMA_DEG)]])
+    rows = np.concatenate([steps, first, loose])
+    wanted = rows @ recorded.since(here)
+    information = rows.T @ rows + sum(outwards @ q.information @ outwards for q in said)
+    return information, rows.T @ wanted + sum(outwards @ q.pull for q in said)
+
+
+@pytest.mark.parametrize("sources", [0, 1, 2])
+def test_joint_graph_solves_the_normal_equations(
+    graph: FactorGraph, recorded: Geometry, here: Geometry, sources: int
+) -> None:
+    said = [quadratic(seed) for seed in range(sources)]
+    joint = graph.joint(recorded, NONE, here, said)
+    information, pull = expected(recorded, here, said)
+    change, covariance = np.linalg.solve(information, pull), np.linalg.inv(information)
+    np.testing.assert_allclose(change_of(joint), change, rtol=1e-6)
+    np.testing.assert_allclose(covariance_of(joint), covariance, atol=1e-9 * covariance.max())
+
+
+def test_without_sources_the_graph_leads_back_to_what_was_recorded(
+    graph: FactorGraph, recorded: Geometry, here: Geometry
+) -> None:
+    change = change_of(graph.joint(recorded, NONE, here, []))
+    np.testing.assert_allclose(change, recorded.since(here), atol=1e-12)
+
+
+def test_steps_weigh_what_their_robust_noise_model_gives_them_here(recorded: Geometry) -> None:
+    walking = Encoder(sigma_deg=0.2, jitter_deg=0.0, robust=4.0)
+    robust = FactorGraph(factors={"prior": PRIOR, "encoder": walking})
+    jump = np.zeros(N + 2)
+    jump[6:N] = 20 * np.deg2rad(0.2)
+    covariance = covariance_of(robust.joint(recorded, NONE, recorded.moved(jump), []))
+    step = np.eye(N + 2)[6] - np.eye(N + 2)[5]
+    # A Cauchy weight of 1 / (1 + 25) leaves the step so much less sure.
+    expected_variance = np.deg2rad(0.2) ** 2 * 26
+    assert step @ covariance @ step == pytest.approx(expected_variance, rel=1e-6)
+
+
+def test_what_a_source_says_about_a_turn_of_all_angles_is_not_heard() -> None:
+    heard = without_common_angle(quadratic(3))
+    together = np.append(np.ones(N), [0, 0])
+    size = np.abs(heard.information).max()
+    np.testing.assert_allclose(heard.information @ together, 0, atol=1e-9 * size)
+    assert heard.pull @ together == pytest.approx(0, abs=1e-9 * np.abs(heard.pull).max())
+
+
+def test_what_a_source_says_about_all_else_is_heard_in_full() -> None:
+    said = quadratic(4)
+    heard = without_common_angle(said)
+    change = np.random.default_rng(5).normal(0, 1, N + 2)
+    change[:N] -= change[:N].mean()
+    assert heard.pull @ change == pytest.approx(said.pull @ change)
+    assert change @ heard.information @ change == pytest.approx(change @ said.information @ change)
+
+
+def test_the_angle_of_the_first_projection_stays_whatever_sources_want(
+    graph: FactorGraph, recorded: Geometry
+) -> None:
+    together = np.append(np.ones(N), [0, 0]) * 1e4
+    turning = Quadratic(np.outer(together, together), 0.1 * np.outer(together, together)[0])
+    change = change_of(graph.joint(recorded, NONE, recorded, [turning]))
+    np.testing.assert_allclose(change[:N], 0, atol=1e-12)
+
+
+def test_stacked_factors_are_those_of_the_graph_of_single_angles(
+    measured: Callable[..., AngleMeasurements],
+) -> None:
+    long = np.deg2rad(np.arange(0, 90, 3.0))
+    found = measured(long, apart=4, sigma_deg=0.3)
+    parts = {"prior": PRIOR, "encoder": ENCODER, "cv": Cv()}
+    blocks = {name: factor.block(long, found) for name, factor in parts.items()}
+    theta = long + np.deg2rad(np.random.default_rng(6).normal(0, 0.5, len(long)))
+    weights = {name: block.weights(theta) for name, block in blocks.items()}
+    single, right = linear_graph(blocks, weights, theta).hessian()
+    rows = [stacked(block, theta) for block in blocks.values()]
+    np.testing.assert_allclose(sum(j.T @ j for j, _ in rows), single, rtol=1e-9, atol=1e-3)
+    np.testing.assert_allclose(sum(j.T @ b for j, b in rows), right, rtol=1e-9, atol=1e-6)
+    assert any((w < 0.9).any() for w in weights.values())
+
+
+def test_steps_of_a_stage_without_jitter_are_the_factors_of_single_steps(
+    recorded: Geometry, here: Geometry
+) -> None:
+    walking = Encoder(sigma_deg=0.2, jitter_deg=0.0)
+    chained = walking.chain(recorded.theta, here.theta)
+    single = stacked(walking.block(recorded.theta, NONE), here.theta)
+    for one, other in zip(chained, single, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)

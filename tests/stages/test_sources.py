@@ -1,0 +1,248 @@
+"""Features and map, asked one after the other, with stand-ins that say what they are told to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tomoslam_stage.geometry import rms_difference
+from tomoslam_stage.heldout import Rows
+from tomoslam_stage.products import Features, Floats, Geometry, Quadratic, Tracks
+from tomoslam_stage.refinement import FactorGraph
+from tomoslam_stage.refinement.landmarks import Adjusted
+from tomoslam_stage.stages.choosing import FEATURES, MAP, RECORDED, USED, Choice
+from tomoslam_stage.stages.sources import Outcome, Sources
+from tomoslam_stage.stages.work import Clock
+
+N = 40
+ROWS = 32
+TRUE = np.deg2rad(4.5 * np.arange(N))
+LOST_DEG = 1.0
+RECORDED_ANGLES = TRUE + np.deg2rad(LOST_DEG) * (np.arange(N) >= 20)
+START = Geometry(RECORDED_ANGLES, axis=20.0, middle=15.5)
+SCAN = SimpleNamespace(n_rows=ROWS, n_projections=N)
+USABLE = np.arange(ROWS) % 8 != 3
+SIGMA_DEG = 0.03
+
+
+def quadratic(sigma_deg: float = SIGMA_DEG) -> Quadratic:
+    """Say that all is as it should be, each angle but for `sigma_deg`."""
+    sigmas = np.append(np.full(N, np.deg2rad(sigma_deg)), [0.05, 0.001])
+    return Quadratic(np.diag(sigmas**-2.0), np.zeros(N + 2))
+
+
+def geometry(error_deg: float = 0.0, seed: int = 0) -> Geometry:
+    """Where a source ends that errs by so much, rms."""
+    error = np.random.default_rng(seed).normal(0, np.deg2rad(error_deg), N)
+    return Geometry(TRUE + error, 20.1, middle=15.5)
+
+
+def tracks(features: int) -> Tracks:
+    """Sight so many features in all projections, each on a row of its own."""
+    feature, projection = np.repeat(np.arange(features), N), np.tile(np.arange(N), features)
+    row = (feature + 0.5) * ROWS / max(features, 1)
+    return Tracks(feature, projection, np.full(len(row), 20.0), row, np.full(N, features))
+
+
+@dataclass
+class Seeing:
+    """Stands in for tracking."""
+
+    features: int
+    growing: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(fewest=8))
+
+    def see(self, scan: Any, axis: float, usable: Any) -> SimpleNamespace:
+        assert scan is SCAN
+        assert axis == START.axis
+        assert usable is USABLE
+        return SimpleNamespace(tracks=tracks(self.features), table=None)
+
+
+@dataclass
+class Placing:
+    """Stands in for landmarks: all features, then either half of them, end where they are told."""
+
+    ends: Sequence[Geometry]
+    asked: list[Geometry] = field(default_factory=list)
+
+    def adjust(self, seen: Tracks, start: Geometry, solve: Any) -> Adjusted:  # noqa: ARG002
+        end = self.ends[len(self.asked)]
+        self.asked.append(start)
+        nowhere = np.empty(0)
+        features = Features(np.empty((0, 2)), np.empty((0, 2, 2)), nowhere, nowhere, 0.1)
+        residuals = np.zeros(seen.n_sightings)
+        return Adjusted(end, quadratic(), features, residuals, residuals + 1, 0.1, 1.0)
+
+
+@dataclass
+class Mapping:
+    """Stands in for the map."""
+
+    end: Geometry | None
+    excess: float = 1.2
+    row_pulls: Floats = field(default_factory=lambda: np.zeros((6, N + 2)))
+    prior_pull: Floats = field(default_factory=lambda: np.zeros(N + 2))
+    asked: list[Geometry] = field(default_factory=list)
+
+    def refine(self, scan: Any, rows: Any, start: Geometry, solve: Any) -> SimpleNamespace | None:
+        assert scan is SCAN
+        np.testing.assert_array_equal(rows, np.flatnonzero(USABLE))
+        self.asked.append(start)
+        assert np.isfinite(solve(start, quadratic())).all()
+        if self.end is None:
+            return None
+        return SimpleNamespace(
+            geometry=self.end,
+            quadratic=quadratic(),
+            row_pulls=self.row_pulls,
+            prior_pull=self.prior_pull,
+            excess=self.excess,
+            rows=np.arange(6),
+        )
+
+
+def judge(name: str, theta: Floats) -> Floats:
+    """(r, n) residuals that grow with the error of the angles."""
+    error = np.rad2deg(rms_difference(theta, TRUE))
+    noise = np.random.default_rng(len(name)).uniform(0.9, 1.1, (5, N))
+    return np.asarray((0.1 + error) * noise)
+
+
+def asked(
+    placing: Placing | None = None, mapping: Mapping | None = None, features: int = 40
+) -> Outcome:
+    sources = Sources(
+        tracks=Seeing(features),
+        angles=None,
+        landmarks=placing,
+        mapping=mapping,
+        choice=Choice(),
+        graph=FactorGraph(),
+        rounds=1,
+        settled_deg=0.01,
+    )
+    rows = Rows(np.array([3, 11, 19, 27]), USABLE)
+    return sources.ask(SCAN, rows, START, judge, Clock({}))
+
+
+def error_deg(outcome: Outcome) -> float:
+    assert outcome.fused is not None
+    return float(np.rad2deg(rms_difference(outcome.fused.geometry.theta, TRUE)))
+
+
+def placing(error_deg: float = 0.0, halves_deg: float = 0.0) -> Placing:
+    """End with this error, and both halves this far (rms) from where all features do."""
+    end = geometry(error_deg, seed=1)
+    apart = np.append(np.random.default_rng(2).normal(0, np.deg2rad(halves_deg), N), [0, 0])
+    return Placing([end, end.moved(apart), end.moved(-apart)])
+
+
+def test_sources_that_agree_find_the_lost_step_together() -> None:
+    outcome = asked(placing(0.02), Mapping(geometry(0.02, seed=3)))
+    assert outcome.sources == {FEATURES: USED, MAP: USED}
+    assert error_deg(outcome) < 0.025
+    (event,) = outcome.events
+    assert (event.projection, event.kind) == (20, "lost step")
+    assert event.size_deg == pytest.approx(-LOST_DEG, abs=0.1)
+    assert outcome.noise is not None
+    assert np.rad2deg(outcome.noise.step) < 0.1
+
+
+def test_what_was_seen_and_used_is_counted() -> None:
+    outcome = asked(placing(), Mapping(geometry()))
+    assert outcome.counts["features"] == 40
+    assert outcome.counts["sightings"] == 40 * N
+    assert outcome.counts["keypoints"] == 40 * N
+    assert outcome.counts["map rows"] == 6
+
+
+def test_nothing_is_fused_where_no_source_says_anything() -> None:
+    outcome = asked(Placing([]), Mapping(None), features=7)
+    assert outcome.fused is None
+    assert outcome.sources == {
+        FEATURES: "left out: 7 features could be followed; 10 are needed",
+        MAP: "left out: 28 rows of 40 projections say nothing about the angles",
+    }
+    assert outcome.counts["features"] == 7
+    assert not outcome.events
+    assert outcome.noise is None
+
+
+def test_either_source_does_without_the_other() -> None:
+    only_map = asked(Placing([]), Mapping(geometry(0.02)), features=0)
+    only_features = asked(placing(0.02), Mapping(None))
+    assert only_map.sources[MAP] == only_features.sources[FEATURES] == USED
+    assert only_map.sources[FEATURES].startswith("left out: 0 features")
+    assert only_features.sources[MAP].startswith("left out: 28 rows")
+    assert max(error_deg(only_map), error_deg(only_features)) < 0.05
+
+
+def test_sources_that_nobody_asks_are_not_spoken_of() -> None:
+    assert asked(mapping=Mapping(geometry())).sources == {MAP: USED}
+    assert asked(placing()).sources == {FEATURES: USED}
+
+
+def test_features_of_which_a_half_is_too_small_are_left_out() -> None:
+    # Half of so few features would say hardly anything, and so contradict nothing.
+    outcome = asked(placing(), Mapping(geometry()), features=12)
+    assert outcome.sources[FEATURES].startswith("left out: half of the features are ")
+    assert outcome.sources[MAP] == USED
+
+
+@pytest.mark.parametrize(("error", "begins_there"), [(0.05, True), (0.9, False)])
+def test_the_map_begins_where_unused_rows_reproject_best(error: float, begins_there: bool) -> None:
+    mapping, features = Mapping(geometry()), placing(error)
+    asked(features, mapping)
+    assert features.asked[0] is START
+    assert mapping.asked == [features.ends[0] if begins_there else START]
+
+
+def test_halves_of_the_features_begin_where_all_of_them_ended() -> None:
+    features = placing(0.02)
+    asked(features)
+    assert features.asked[1:] == [features.ends[0]] * 2
+
+
+def test_a_map_that_does_not_hold_is_left_out_but_told_of() -> None:
+    outcome = asked(placing(0.02), Mapping(geometry(0.3, seed=4), excess=4.0))
+    assert outcome.sources[FEATURES] == USED
+    assert "4.0 times worse" in outcome.sources[MAP]
+    assert error_deg(outcome) < 0.05
+
+
+def test_halves_of_the_features_show_how_sure_the_angles_are() -> None:
+    sure, unsure = asked(placing()).fused, asked(placing(halves_deg=0.3)).fused
+    assert sure is not None
+    assert unsure is not None
+    assert np.rad2deg(sure.half_error) < 0.01
+    assert np.median(unsure.sigma) > 3 * np.median(sure.sigma)
+
+
+def test_rows_of_the_map_that_contradict_each_other_show_how_sure_the_angles_are() -> None:
+    pull = quadratic().information @ np.append(np.random.default_rng(5).normal(0, 0.003, N), [0, 0])
+    contradicting = np.zeros((6, N + 2))
+    contradicting[:2] = pull, -pull
+    sure = asked(mapping=Mapping(geometry())).fused
+    rows = asked(mapping=Mapping(geometry(), row_pulls=contradicting)).fused
+    prior = asked(mapping=Mapping(geometry(), prior_pull=2 * pull)).fused
+    assert np.median(rows.sigma) > 3 * np.median(sure.sigma)
+    assert np.median(prior.sigma) > 3 * np.median(sure.sigma)
+
+
+def test_recorded_angles_are_judged_first_and_each_source_once() -> None:
+    heard: list[str] = []
+    sources = Sources(
+        Seeing(40), None, placing(), Mapping(geometry()), Choice(), FactorGraph(), 1, 0.01
+    )
+
+    def listening(name: str, theta: Floats) -> Floats:
+        heard.append(name)
+        return judge(name, theta)
+
+    sources.ask(SCAN, Rows(np.array([3]), USABLE), START, listening, Clock({}))
+    assert heard == [RECORDED, FEATURES, MAP]

@@ -1,0 +1,186 @@
+"""What some rows of a scan say about a geometry, with the map that they make there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+import numpy as np
+
+from tomoslam_stage.geometry import around
+from tomoslam_stage.images import highpass
+from tomoslam_stage.mapping.maps import mapped, seen, shifted
+from tomoslam_stage.parallel import BLOCK, parallel
+from tomoslam_stage.radon import Radon
+from tomoslam_stage.reprojection import binned
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from tomoslam_stage.products import Floats, Geometry, Integers, Pixels, Scan
+
+Result = TypeVar("Result")
+
+END = 0.02
+"""Widths of the detector that make its ends."""
+EMPTY = 0.05
+"""Share of the highest line integrals that an end may show and the object still be seen whole."""
+
+
+class Answer(NamedTuple):
+    """What a block of rows answers: residual, and its derivatives, summed over the columns."""
+
+    by_angle: Floats
+    """(r, n) residual times derivative by the angle."""
+    by_axis: Floats
+    """(r,) residual times derivative by the axis, also summed over the projections."""
+    angle_squares: Floats
+    """(r, n) derivative by the angle, squared."""
+    axis_squares: Floats
+    """(r,) derivative by the axis, squared."""
+    squares: Floats
+    """(r, n) mean squared residual."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What rows say at one geometry, in squared line integrals; angles, then axis and roll."""
+
+    pulls: Floats
+    """(r, n + 2) half the slope at which the squared residual of each row falls."""
+    conditional: Floats
+    """(n + 2,) curvature that goes with it, were the map to stay as it is."""
+    squares: Floats
+    """(r, n) mean squared residual."""
+    heights: Floats
+    """(r,) px that each row lies below the one where the axis is at its column."""
+
+    @property
+    def pull(self) -> Floats:
+        """(n + 2,) that of all rows."""
+        return np.asarray(self.pulls.sum(axis=0))
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Some rows of a scan, and how a map is made of them."""
+
+    sinograms: Pixels
+    """(r, n, column) line integrals, columns binned."""
+    rows: Integers
+    """(r,) where they are in the scan."""
+    binning: int
+    """Columns of the scan in one of `sinograms`."""
+    cutoff: float
+    """Px of the scan: what is smoother along the columns does not count."""
+    extent: float = 1.0
+    """Side of the map, in widths of the detector."""
+    strength: float = 0.0
+    """Of the total variation, in standard deviations of a slice."""
+
+    def part(self, count: int) -> Observed:
+        """About `count` of the rows, evenly spread."""
+        some = spread(len(self.rows), count)
+        return replace(self, sinograms=self.sinograms[some], rows=self.rows[some])
+
+    def look(self, geometry: Geometry) -> Look:
+        """Make the map of `geometry`, project it, and compare."""
+        radon = self._radon(geometry)
+
+        def answer(block: slice) -> Answer:
+            return self._answer(self._aligned(geometry, block), radon)
+
+        answers = Answer(*map(np.concatenate, zip(*self._of_blocks(answer), strict=True)))
+        heights = np.asarray(self.rows - geometry.middle, np.float64)
+        # A row's axis lies in columns of its own.
+        axis, squares = answers.by_axis / self.binning, answers.axis_squares / self.binning**2
+        pulls = np.column_stack([answers.by_angle, axis, axis * heights])
+        ends = [squares.sum(), (squares * heights**2).sum()]
+        conditional = np.concatenate([answers.angle_squares.sum(axis=0), ends])
+        return Look(pulls, conditional, answers.squares, heights)
+
+    def left_out(self, geometry: Geometry) -> float:
+        """Mean squared error of predicting every other projection from the rest."""
+        odd = np.zeros(len(geometry.theta), bool)
+        odd[around(geometry.theta)[::2]] = True
+        whole = self._radon(geometry)
+        used, wanted = (replace(whole, theta=geometry.theta[some]) for some in (odd, ~odd))
+
+        def square(block: slice) -> Floats:
+            sinograms = self._aligned(geometry, block)
+            slices = mapped(sinograms[:, odd], used, self.strength)
+            left = seen(sinograms[:, ~odd]) - wanted.project(slices)
+            return np.asarray(np.mean(np.square(self._fine(left), dtype=np.float64), axis=(1, 2)))
+
+        return float(np.concatenate(list(self._of_blocks(square))).mean())
+
+    def _answer(self, sinograms: Pixels, radon: Radon) -> Answer:
+        """Compare `sinograms` (r, n, column) with their map."""
+        slices = mapped(sinograms, radon, self.strength)
+        projected, by_angle, by_axis = radon.linearised(slices)
+        left = self._fine(seen(sinograms) - projected)
+        by_angle, by_axis = self._fine(by_angle), self._fine(by_axis)
+        columns = sinograms.shape[-1]
+        return Answer(
+            _products(left, by_angle),
+            _products(left, by_axis).sum(axis=1),
+            _products(by_angle, by_angle),
+            _products(by_axis, by_axis).sum(axis=1),
+            _products(left, left) / columns,
+        )
+
+    def _fine(self, sinograms: Pixels) -> Pixels:
+        """Take off what is too smooth to count."""
+        return highpass(sinograms, self.cutoff / self.binning)
+
+    def _aligned(self, geometry: Geometry, block: slice) -> Pixels:
+        """(r, n, column) the rows of `block`, as if the axis were upright."""
+        tilt = geometry.axis - geometry.axis_at(self.rows[block])
+        return shifted(self.sinograms[block], tilt / self.binning)
+
+    def _radon(self, geometry: Geometry) -> Radon:
+        """Return the projector, in binned columns."""
+        columns = self.sinograms.shape[-1]
+        axis = (geometry.axis + 0.5) / self.binning - 0.5
+        return Radon(geometry.theta, axis, columns, round(self.extent * columns))
+
+    def _of_blocks(self, work: Callable[[slice], Result]) -> Iterator[Result]:
+        """Do `work` on blocks of rows that are the same for any number of cores."""
+        starts = range(0, len(self.rows), BLOCK)
+        return parallel(work, [slice(start, start + BLOCK) for start in starts])
+
+
+def observed(scan: Scan, rows: Integers, binning: int, cutoff: float, wide: float) -> Observed:
+    """Read `rows` of `scan`; a map of what reaches beyond the detector is `wide` times as wide."""
+    sinograms = binned(scan.sinograms(rows), binning)
+    extent = wide if truncated(sinograms) else 1.0
+    return Observed(sinograms, rows, binning, cutoff, extent)
+
+
+def truncated(sinograms: Pixels) -> bool:
+    """Whether the object reaches beyond the detector: its ends are not empty."""
+    columns = max(2, round(END * sinograms.shape[-1]))
+    first, last = sinograms[..., :columns].mean(axis=-1), sinograms[..., -columns:].mean(axis=-1)
+    ends = np.maximum(np.abs(first), np.abs(last))
+    return bool(np.median(ends) > EMPTY * np.quantile(sinograms, 0.99))
+
+
+def spread(available: int, count: int) -> Integers:
+    """Up to `count` indices of `available` things, evenly spread."""
+    return np.unique(np.linspace(0, available - 1, min(count, available)).round().astype(np.intp))
+
+
+def strongest(seen_rows: Observed, geometry: Geometry, strengths: Iterable[float]) -> float:
+    """Return the largest strength within 2 % of the least error on projections left out."""
+    errors: dict[float, float] = {}
+    for strength in strengths:
+        errors[strength] = replace(seen_rows, strength=strength).left_out(geometry)
+        if errors[strength] > 1.08 * min(errors.values()):
+            break
+    least = min(errors.values())
+    return max(strength for strength, error in errors.items() if error <= 1.02 * least)
+
+
+def _products(first: Pixels, second: Pixels) -> Floats:
+    """(r, n) sums over the columns."""
+    return np.asarray(np.einsum("rnc,rnc->rn", first, second, dtype=np.float64))

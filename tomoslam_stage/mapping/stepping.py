@@ -1,0 +1,107 @@
+"""Steps to where the map and all else agree, the curvature learning on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from tomoslam_stage.mapping.curvature import Place, secant
+from tomoslam_stage.mapping.looking import Look
+from tomoslam_stage.mapping.weighing import doubts, formal_sigma, noise, whitener
+from tomoslam_stage.products import Floats, Geometry, Quadratic
+
+Solve: TypeAlias = Callable[[Geometry, Quadratic], Floats]
+"""(n + 2,) the change that everything known together wants, given what the map says."""
+
+LONGEST = np.deg2rad(1.0)
+"""Radians that an angle may change in one step."""
+NEGLIGIBLE = np.deg2rad(0.005)
+"""Radians: a step this short is taken whatever it does to the residual."""
+RISE = 1.002
+"""How far the residual may rise in a step, as a factor."""
+UNWEIGHED = 3
+"""First steps in which all projections weigh the same: misfit is mostly wrong angles then."""
+SETTLED = 1 / 3
+"""Change, in formal sigmas, that ends the steps."""
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What a place says, in standard deviations."""
+
+    whitener: Floats
+    """(n + 2, n + 2) makes information of curvature."""
+    quadratic: Quadratic
+    """Information and pull."""
+    weights: Floats
+    """(n,) of the projections' residuals, one where they fit best."""
+
+
+def weighed(place: Place, misfit: float | None) -> Weighed:
+    """Weigh rows by their scatter and, unless `misfit` is None, projections by their misfit."""
+    theta, look = place.geometry.theta, place.look
+    factors = np.ones(len(theta) + 2)
+    if misfit is not None:
+        factors = doubts(look.squares, theta, misfit)
+    whiten = whitener(place.curvature, noise(look, place.curvature) * factors)
+    information = whiten @ place.curvature
+    quadratic = Quadratic((information + information.T) / 2, whiten @ look.pull)
+    return Weighed(whiten, quadratic, factors[:-2].min() / factors[:-2])
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """How steps are made, from which looks, and which projections are trusted."""
+
+    look: Callable[[Geometry], Look]
+    """What the rows say at a geometry."""
+    solve: Solve
+    """Which change is wanted."""
+    misfit: float
+    """Excess residual, in medians, at which the noise of a projection counts double."""
+
+    def run(self, place: Place, steps: int) -> Place | None:
+        """Go at most `steps` steps from `place`, seen by other rows; None for what's no number."""
+        place = self._seen(place)
+        for step in range(steps):
+            now = weighed(place, self.misfit if step >= UNWEIGHED else None)
+            change = self.solve(place.geometry, now.quadratic)
+            if not np.isfinite(change).all():
+                return None
+            if step >= UNWEIGHED and settled(change, now.quadratic):
+                break
+            place = self._moved(place, limited(change), now.weights)
+        return place
+
+    def _seen(self, place: Place) -> Place:
+        """Return the same place as these rows see it, the curvature in proportion."""
+        look = self.look(place.geometry)
+        more = look.conditional[:-2].sum() / place.look.conditional[:-2].sum()
+        return replace(place, look=look, curvature=place.curvature * more)
+
+    def _moved(self, place: Place, change: Floats, weights: Floats) -> Place:
+        """Go by `change`, or less of it where the residual would rise."""
+        residual = (place.look.squares * weights).mean()
+        while True:
+            geometry = place.geometry.moved(change)
+            look = self.look(geometry)
+            short = np.abs(change[:-2]).max() < NEGLIGIBLE
+            if short or (look.squares * weights).mean() < RISE * residual:
+                break
+            change = change / 3
+        answer = place.look.pull - look.pull
+        return Place(geometry, look, secant(place.curvature, change, answer))
+
+
+def limited(change: Floats) -> Floats:
+    """`change`, shortened so that no angle moves by more than `LONGEST`."""
+    longest = np.abs(change[:-2]).max()
+    return change if longest <= LONGEST else change * (LONGEST / longest)
+
+
+def settled(change: Floats, quadratic: Quadratic) -> bool:
+    """Whether the angles change, but for their mean, by far less than they are unsure."""
+    return bool(np.std(change[:-2]) < SETTLED * formal_sigma(quadratic.information))

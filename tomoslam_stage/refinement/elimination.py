@@ -1,0 +1,134 @@
+"""Bundle adjustment with the features eliminated (Schur complement).
+
+A change of the angles, the axis and the roll changes the residuals of a feature; the best change of
+the feature's own place takes back what it can. What is left speaks about the geometry alone
+(Triggs et al., Bundle adjustment: a modern synthesis, 2000, section 6.1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tomoslam_stage.parallel import parallel
+from tomoslam_stage.products import Quadratic
+from tomoslam_stage.refinement.sightings import SLIGHT
+
+if TYPE_CHECKING:
+    from tomoslam_stage.products import Floats, Geometry
+    from tomoslam_stage.refinement.sightings import Sightings
+
+BLOCK = 2048
+"""Rows of a dense product worked on at once, for any number of cores: bounds the memory."""
+FULL = 0.15
+"""Matrices that are filled to this part are faster to multiply when they are taken for dense."""
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """What all features say about the geometry, and how they move with it."""
+
+    quadratic: Quadratic
+    """On changes of the geometry."""
+    mixed: Any
+    """(2 f, n + 2) sparse: how the whitened places of features depend on the geometry."""
+    pull: Floats
+    """(2 f,) how far the residuals pull the whitened places."""
+    root: tuple[Floats, Floats, Floats]
+    """(f,) each: the entries 11, 21 and 22 of the Cholesky factors of the features' information."""
+
+    def moves(self, change: Floats) -> Floats:
+        """(f, 2) px: how features move along with a `change` (n + 2,) of the geometry."""
+        first, second = (self.pull - self.mixed @ change).reshape(2, -1)
+        r11, r21, r22 = self.root
+        z = second / r22
+        return np.stack([(first - r21 * z) / r11, z], axis=1)
+
+
+def eliminated(
+    sightings: Sightings, geometry: Geometry, position: Floats, weights: Floats
+) -> Elimination:
+    """Eliminate the features at `position` (f, 2) px from sightings of `weights` (s,) px^-2."""
+    directions, root = sightings.directions(geometry), np.sqrt(weights)
+    residuals = root * sightings.residuals(geometry, position)
+    by_geometry = root[:, None] * _jacobian(sightings, geometry, position, directions)
+    whitened, factors = _orthonormal(sightings, root[:, None] * directions)
+    mixed = _mixed(sightings, whitened, by_geometry, len(geometry.theta))
+    pull = np.concatenate([sightings.sums(part * residuals) for part in whitened.T])
+    full = _full(sightings, by_geometry, residuals, len(geometry.theta))
+    left = Quadratic(full.information - _gram(mixed), full.pull - mixed.T @ pull)
+    return Elimination(left, mixed, pull, factors)
+
+
+def _jacobian(
+    sightings: Sightings, geometry: Geometry, position: Floats, directions: Floats
+) -> Floats:
+    """(s, 3) derivatives of the columns: by the own angle, the axis and the roll."""
+    x, z = position[sightings.feature].T
+    cosine, sine = directions.T
+    depth = z * cosine - x * sine
+    return np.stack([depth, np.ones_like(depth), sightings.row - geometry.middle], axis=1)
+
+
+def _orthonormal(
+    sightings: Sightings, by_place: Floats
+) -> tuple[Floats, tuple[Floats, Floats, Floats]]:
+    """(s, 2) derivatives by the places, made orthonormal in each feature, and how: L of L L'."""
+    first, second = by_place.T
+    r11 = np.sqrt(sightings.sums(first**2) + SLIGHT)
+    r21 = sightings.sums(first * second) / r11
+    r22 = np.sqrt(np.maximum(sightings.sums(second**2) + SLIGHT - r21**2, SLIGHT / 1000))
+    f = sightings.feature
+    one = first / r11[f]
+    return np.stack([one, (second - r21[f] * one) / r22[f]], axis=1), (r11, r21, r22)
+
+
+def _mixed(sightings: Sightings, whitened: Floats, by_geometry: Floats, n: int) -> Any:
+    """(2 f, n + 2) sparse: products of the derivatives by the places and by the geometry."""
+    from scipy.sparse import csr_matrix
+
+    features, everyone = sightings.n_features, np.arange(sightings.n_features)
+    values, rows, columns = [], [], []
+    for which, part in enumerate(whitened.T):
+        values.append(part * by_geometry[:, 0])
+        rows.append(sightings.feature + which * features)
+        columns.append(sightings.projection)
+        for whole in (1, 2):
+            values.append(sightings.sums(part * by_geometry[:, whole]))
+            rows.append(everyone + which * features)
+            columns.append(np.full(features, n + whole - 1))
+    where = np.concatenate(rows), np.concatenate(columns)
+    return csr_matrix((np.concatenate(values), where), (2 * features, n + 2))
+
+
+def _full(sightings: Sightings, by_geometry: Floats, residuals: Floats, n: int) -> Quadratic:
+    """Quadratic of the geometry with every feature held where it is."""
+    own, whole = by_geometry[:, 0], by_geometry[:, 1:]
+
+    def sums(values: Floats) -> Floats:
+        return np.bincount(sightings.projection, values, n).astype(np.float64, copy=False)
+
+    information = np.zeros((n + 2, n + 2))
+    information[np.arange(n), np.arange(n)] = sums(own**2)
+    information[:n, n:] = np.stack([sums(own * part) for part in whole.T], axis=1)
+    information[n:, :n] = information[:n, n:].T
+    information[n:, n:] = whole.T @ whole
+    return Quadratic(information, np.concatenate([sums(own * residuals), whole.T @ residuals]))
+
+
+def _gram(mixed: Any) -> Floats:
+    """(n + 2, n + 2) product of the transpose of `mixed` with itself."""
+    rows, size = mixed.shape
+    if mixed.nnz < FULL * rows * size:
+        return np.asarray((mixed.T @ mixed).toarray())
+
+    def of_block(start: int) -> Floats:
+        block = mixed[start : start + BLOCK].toarray()
+        return np.asarray(block.T @ block)
+
+    total = np.zeros((size, size))
+    for part in parallel(of_block, range(0, rows, BLOCK)):
+        total += part
+    return total

@@ -1,0 +1,40 @@
+"""What the rows of sightings say about the roll: on an axis that leans, ``v = Y - roll u``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tomoslam_stage.refinement.weighing import geman_mcclure, robust_scale
+
+if TYPE_CHECKING:
+    from tomoslam_stage.products import Geometry, Quadratic
+    from tomoslam_stage.refinement.sightings import Sightings
+    from tomoslam_stage.refinement.weighing import Strictness
+
+
+def with_rows(
+    columns: Quadratic,
+    sightings: Sightings,
+    geometry: Geometry,
+    strictness: Strictness,
+    inflation: float = 1.0,
+) -> Quadratic:
+    """Add to what the columns of sightings say what their rows say.
+
+    The row Y of each feature on the axis is eliminated. Columns hardly tell a roll from places and
+    angles that suit it; rows do, and hold it. `inflation` is that of the variances.
+    """
+    u = sightings.column - geometry.axis_at(sightings.row)
+    everyone = np.ones(len(u))
+    u = u - sightings.means(u, everyone)[sightings.feature]
+    level = sightings.row + geometry.roll * (sightings.column - geometry.axis)
+    off = level - sightings.means(level, everyone)[sightings.feature]
+    sigma = max(robust_scale(off), strictness.floor)
+    weights = geman_mcclure(off, sigma, strictness.grip) / inflation
+    information, pull = columns.information.copy(), columns.pull.copy()
+    information[-1, -1] += np.sum(weights * u**2)
+    pull[-1] -= np.sum(weights * u * off)
+    return replace(columns, information=information, pull=pull)

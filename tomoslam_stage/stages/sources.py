@@ -1,0 +1,234 @@
+"""Features as landmarks and the map, asked one after the other and joined in one graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tomoslam_stage.angles import Triplets
+from tomoslam_stage.heldout import Rows
+from tomoslam_stage.mapping import Mapping as MapFactor
+from tomoslam_stage.products import (
+    AngleMeasurements,
+    Event,
+    Floats,
+    Geometry,
+    Integers,
+    Quadratic,
+    Scan,
+    StageNoise,
+    Tracks,
+)
+from tomoslam_stage.refinement import (
+    FactorGraph,
+    Fused,
+    Landmarks,
+    Said,
+    fused,
+    honest,
+    lapses,
+    solver_with,
+    stage_noise,
+)
+from tomoslam_stage.stages.choosing import FEATURES, MAP, RECORDED, USED, Choice, falls
+from tomoslam_stage.stages.landmarks import FEWEST, Placed, Turns
+from tomoslam_stage.stages.triplets import TripletSolver
+from tomoslam_stage.stages.work import Clock
+from tomoslam_stage.tracks import Tracking, halves
+from tomoslam_stage.tracks.tracking import Seen
+
+Solve = Callable[[Geometry, Quadratic], Floats]
+"""(n + 2,) the change that all factors and what a source says want together."""
+Judge = Callable[[str, Floats], Floats]
+"""Reproject rows that were not used with angles of this name: (r, n) mean squared residual."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What all sources together came to."""
+
+    fused: Fused | None
+    """None where no source said anything."""
+    sources: Mapping[str, str]
+    """By name: that it was used, or why not."""
+    events: tuple[Event, ...] = ()
+    """Lapses of the rotation stage."""
+    noise: StageNoise | None = None
+    """Its usual error."""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    """Numbers for the report."""
+    histograms: Mapping[str, Floats] = field(default_factory=dict)
+    """What the report draws histograms of, see `Refinement`."""
+
+
+@dataclass
+class Found:
+    """What is known so far."""
+
+    squares: dict[str, Floats]
+    """By name of the angles: (r, n) mean squared residual on unused rows."""
+    said: dict[str, Said] = field(default_factory=dict)
+    """By name of the source."""
+    notes: dict[str, str] = field(default_factory=dict)
+    """By name of the source: why it says nothing."""
+    counts: dict[str, int] = field(default_factory=dict)
+    """For the report."""
+    histograms: dict[str, Floats] = field(default_factory=dict)
+    """For the report, too."""
+    excess: float = 1.0
+    """Residual of the worst projection in the map's account, in units of the usual one."""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What is asked for the angles of a scan, and how."""
+
+    tracks: Tracking
+    angles: Triplets | None
+    landmarks: Landmarks | None
+    mapping: MapFactor | None
+    choice: Choice
+    graph: FactorGraph
+    rounds: int
+    settled_deg: float
+
+    def ask(self, scan: Scan, rows: Rows, start: Geometry, judge: Judge, clock: Clock) -> Outcome:
+        """Ask each source on its own, then join those that are believed.
+
+        Parameters
+        ----------
+        scan
+            Binned as it is worked on.
+        rows
+            Which of its rows may be used.
+        start
+            The recorded angles, and the axis that suits them.
+        judge
+            Tells how well rows that were not used reproject; they decide, and measure nothing.
+        clock
+            Hears how long each station takes.
+        """
+        found = Found({RECORDED: judge(RECORDED, start.theta)})
+        measurements = AngleMeasurements.none()
+        if self.landmarks is not None or self.angles is not None:
+            with clock("tracks"):
+                seen = self.tracks.see(scan, start.axis, rows.usable)
+            found.counts |= counted(seen.tracks)
+            if self.angles is not None:
+                with clock("triplets"):
+                    turns = TripletSolver(self.angles, self.graph, self.rounds, self.settled_deg)
+                    measurements, _ = turns.said(seen.tracks, start.theta, start.axis)
+                found.counts["triplets measured"] = measurements.n_measured
+        solve = solver_with(self.graph, start, measurements)
+        if self.landmarks is not None:
+            with clock(FEATURES):
+                self._ask_features(found, seen, scan.n_rows, start, solve)
+                self._judge(FEATURES, found, judge)
+        if self.mapping is not None:
+            with clock(MAP):
+                begin = self._best_start(found, start)
+                self._ask_map(found, scan, np.flatnonzero(rows.usable), begin, solve)
+                self._judge(MAP, found, judge)
+        with clock("graph"):
+            return self._joined(found, start, measurements)
+
+    def _ask_features(
+        self, found: Found, seen: Seen, n_rows: int, start: Geometry, solve: Solve
+    ) -> None:
+        """Place the features, all of them and either half."""
+        landmarks = self.landmarks or Landmarks()
+        turns = Turns(self.tracks, landmarks, self.rounds, self.settled_deg)
+        whole = turns.placed(seen, start, solve)
+        if whole is None:
+            followed = seen.tracks.sighted(self.tracks.growing.fewest).n_features
+            why = f"left out: {followed} features could be followed; {FEWEST} are needed"
+            found.notes[FEATURES] = why
+            return
+        parts = halves(whole.tracks, n_rows)
+        fewest = min(part.n_features for part in parts)
+        if fewest < FEWEST // 2:
+            why = f"left out: half of the features are {fewest}; {FEWEST // 2} are needed"
+            found.notes[FEATURES] = why
+            return
+        found.counts |= counted(whole.tracks)
+        found.histograms |= drawn(whole)
+        ended, quadratic = whole.adjusted.geometry, whole.adjusted.quadratic
+        ends = [landmarks.adjust(half, ended, solve) for half in parts]
+        apart = ends[0].geometry.since(ends[1].geometry)
+        found.said[FEATURES] = Said(
+            geometry=ended,
+            quadratic=quadratic,
+            # Each half has half of the information; its pull leads to where it ended.
+            halves=quadratic.information @ apart / 2,
+            bias=np.zeros(len(apart)),
+        )
+
+    def _ask_map(
+        self, found: Found, scan: Scan, usable: Integers, begin: Geometry, solve: Solve
+    ) -> None:
+        """Let the reconstruction correct the angles."""
+        mapped = (self.mapping or MapFactor()).refine(scan, usable, begin, solve)
+        if mapped is None:
+            asked = f"{len(usable)} rows of {scan.n_projections} projections"
+            found.notes[MAP] = f"left out: {asked} say nothing about the angles"
+            return
+        found.excess = mapped.excess
+        found.counts["map rows"] = len(mapped.rows)
+        found.said[MAP] = Said(
+            geometry=mapped.geometry,
+            quadratic=mapped.quadratic,
+            halves=mapped.row_pulls[::2].sum(axis=0) - mapped.row_pulls[1::2].sum(axis=0),
+            bias=mapped.prior_pull,
+        )
+
+    @staticmethod
+    def _judge(name: str, found: Found, judge: Judge) -> None:
+        if name in found.said:
+            found.squares[name] = judge(name, found.said[name].geometry.theta)
+
+    @staticmethod
+    def _best_start(found: Found, start: Geometry) -> Geometry:
+        """Begin where unused rows reproject best so far."""
+        if FEATURES in found.said and falls(found.squares, FEATURES, RECORDED, start.theta):
+            return found.said[FEATURES].geometry
+        return start
+
+    def _joined(self, found: Found, recorded: Geometry, measurements: AngleMeasurements) -> Outcome:
+        """Choose among the sources, and solve the graph with those that are believed."""
+        alone = {
+            name: fused(self.graph, recorded, measurements, [said])
+            for name, said in found.said.items()
+        }
+        chosen = self.choice.of(alone, found.excess, found.squares, recorded.theta)
+        notes = {**found.notes, **chosen}
+        used = [
+            honest(found.said[name], alone[name]) for name, note in chosen.items() if note == USED
+        ]
+        if not used:
+            return Outcome(None, notes, counts=found.counts, histograms=found.histograms)
+        free = fused(self.graph.doubting(), recorded, measurements, used)
+        noise = stage_noise(free.geometry.theta - recorded.theta, free.halves)
+        joint = fused(self.graph.informed(noise), recorded, measurements, used)
+        events = lapses(recorded.theta, joint.geometry.theta - recorded.theta, joint.covariance)
+        return Outcome(joint, notes, events, noise, found.counts, found.histograms)
+
+
+def counted(tracks: Tracks) -> dict[str, int]:
+    """Numbers for the report."""
+    return {
+        "keypoints": int(tracks.keypoints.sum()),
+        "fixed to the detector": tracks.fixed_to_detector,
+        "features": tracks.n_features,
+        "sightings": tracks.n_sightings,
+    }
+
+
+def drawn(placed: Placed) -> dict[str, Floats]:
+    """Return what the report draws histograms of, see `Refinement`."""
+    _, lengths = np.unique(placed.tracks.feature, return_counts=True)
+    return {
+        "track_lengths": lengths.astype(np.float64),
+        "sighting_residuals": placed.adjusted.residuals,
+    }
