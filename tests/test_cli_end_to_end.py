@@ -136,7 +136,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Ran, tuple[str, int]
 def test_accepted_angles_end_with_0_and_are_in_the_scan(grains: Path, accepted: Ran) -> None:
     assert accepted.code == 0
     assert accepted.out.startswith("accepted.h5: the refined angles are accepted\n")
-    assert 8 <= len(accepted.out.splitlines()) <= 20
+    assert 8 <= len(accepted.out.splitlines()) <= 24
     theta = values(accepted.scan, "/exchange/theta")
     assert error_deg(theta, grains) < 0.8 * error_deg(values(grains, "/exchange/theta"), grains)
     assert stored(accepted.scan, "theta_recorded") == stored(grains, "theta")

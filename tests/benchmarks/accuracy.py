@@ -143,7 +143,8 @@ def run() -> None:
     parser.add_argument("--scans", type=Path)
     parser.add_argument("--keep", type=Path)
     args = parser.parse_args()
-    print("case             method    scan             recorded  refined    sigma  norm.  verdict    s")
+    head = "recorded  refined    sigma  norm.  verdict    s"
+    print(f"{'case':16s} {'method':9s} {'scan':16s} {head}")
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)

@@ -40,7 +40,7 @@ def unmeasured() -> AngleMeasurements:
     return AngleMeasurements(*empty, none, none)
 
 
-def tracked(
+def tracked(  # noqa: PLR0917
     span: float = 360.0,
     projections: int = 120,
     features: int = 120,
@@ -59,8 +59,10 @@ def tracked(
     first = rng.integers(0, projections - long, features)
     # Half of the features are seen on the far side, too.
     seen = [np.arange(a, a + long) for a in first]
-    seen = [np.union1d(k, (k + projections // 2) % projections) if i % 2 else k
-            for i, k in enumerate(seen)]
+    seen = [
+        np.union1d(k, (k + projections // 2) % projections) if i % 2 else k
+        for i, k in enumerate(seen)
+    ]
     feature = np.repeat(np.arange(features), [len(k) for k in seen])
     projection = np.concatenate(seen)
     angle = theta[projection]

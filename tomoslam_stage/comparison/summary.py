@@ -33,7 +33,6 @@ def summary(report: Mapping[str, Any], folder: Path | None = None) -> str:
         "stage": stage(report["stage"]),
         "axis": f"detector column {number(report['axis_px'], 6)}",
         "residual": residual(report),
-        "halves": halves(report),
         "slices": slices(report["comparison"]),
         "true slices": true_slices(report["comparison"]),
         "true errors": true_errors(report["comparison"]["errors"]),
@@ -121,15 +120,6 @@ def residual(report: Mapping[str, Any]) -> str:
     if sure is None:
         return text
     return f"{text} ({number(abs(sure), 2)} standard errors {'better' if sure >= 0 else 'worse'})"
-
-
-def halves(report: Mapping[str, Any]) -> str:
-    """Tell how far apart two halves of the data are."""
-    evidence = report["evidence"]
-    if evidence is None:
-        return ""
-    text = f"error of the angles as two halves show it: {number(evidence['half_error_deg'])} deg "
-    return text + f"(refined), {number(evidence['recorded_error_deg'])} deg (recorded)"
 
 
 def true_errors(errors: Mapping[str, float | None]) -> str:

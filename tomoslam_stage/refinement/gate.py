@@ -73,6 +73,9 @@ class Gate:
     half_measured: Annotated[float, Field(ge=0, le=1)] = 0.15
     """Fewest triplets either half must measure, in units of those that all tracks measured: halves
     that measure nothing agree on the recorded angles."""
+    sigma_share: Annotated[float, Field(gt=0)] = 0.3
+    """Largest sigma of the refined angles, in units of the error of the recorded ones, where it
+    allows for all that is known: on a smooth object all rows, used or not, err together."""
     significance: Annotated[float, Field(ge=0)] = 3.0
     """Smallest z score of the fall of the reprojection residual on unused rows."""
 
@@ -98,6 +101,12 @@ class Gate:
                 f"half of the tracks measures {evidence.half_measured:.0%} of the triplets that "
                 "all of them measure, so that the halves say little; "
                 f"{self.half_measured:.0%} is needed"
+            )
+        if evidence.sigma_deg > self.sigma_share * evidence.recorded_error_deg:
+            against.append(
+                f"the refined angles are known to {evidence.sigma_deg:.3g} degrees, and the "
+                f"recorded ones seem {evidence.recorded_error_deg:.3g} off; less than "
+                f"{self.sigma_share:g} of it is needed"
             )
         if fall <= 0 or evidence.residual_gain_sigma < self.significance:
             against.append(f"{unused}; a fall by {self.significance:g} or more is needed")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -10,6 +10,7 @@ from pydantic import Field
 
 from tomoslam_stage.angles import Triplets
 from tomoslam_stage.errors import PipelineError
+from tomoslam_stage.geometry import rms
 from tomoslam_stage.heldout import Rows, hold_out
 from tomoslam_stage.mapping import Mapping
 from tomoslam_stage.methods import method
@@ -195,7 +196,10 @@ class RefineTheta:
         self._judge("refined", theta, unused)
         change = float(np.std(theta - recorded))
         errors = fused.half_error, float(np.sqrt(max(change**2 - fused.half_error**2, 0.0)))
-        evidence = evidence_of(recorded, errors, 1.0, unused.squares)
+        evidence = replace(
+            evidence_of(recorded, errors, 1.0, unused.squares),
+            sigma_deg=float(np.rad2deg(rms(fused.sigma))),
+        )
         verdict = self.refinement.gate.judge(evidence)
         return Refinement(
             recorded=recorded,

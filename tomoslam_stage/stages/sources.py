@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,6 +26,7 @@ from tomoslam_stage.refinement import (
     Fused,
     Landmarks,
     Said,
+    agree,
     fused,
     honest,
     lapses,
@@ -38,6 +39,9 @@ from tomoslam_stage.stages.triplets import TripletSolver
 from tomoslam_stage.stages.work import Clock
 from tomoslam_stage.tracks import Tracking, halves
 from tomoslam_stage.tracks.tracking import Seen
+
+ASTRAY = 3.0
+"""Standard deviations by which another noise of the stage may change the angles."""
 
 Solve = Callable[[Geometry, Quadratic], Floats]
 """(n + 2,) the change that all factors and what a source says want together."""
@@ -208,11 +212,22 @@ class Sources:
         ]
         if not used:
             return Outcome(None, notes, counts=found.counts, histograms=found.histograms)
+        joint, noise = self._with_noise(used, recorded, measurements)
+        events = lapses(recorded.theta, joint.geometry.theta - recorded.theta, joint.covariance)
+        return Outcome(joint, notes, events, noise, found.counts, found.histograms)
+
+    def _with_noise(
+        self, used: Sequence[Said], recorded: Geometry, measurements: AngleMeasurements
+    ) -> tuple[Fused, StageNoise | None]:
+        """Solve the graph with the noise of the stage that the sources show, where they do."""
+        first = fused(self.graph, recorded, measurements, used)
         free = fused(self.graph.doubting(), recorded, measurements, used)
         noise = stage_noise(free.geometry.theta - recorded.theta, free.halves)
         joint = fused(self.graph.informed(noise), recorded, measurements, used)
-        events = lapses(recorded.theta, joint.geometry.theta - recorded.theta, joint.covariance)
-        return Outcome(joint, notes, events, noise, found.counts, found.histograms)
+        if agree(first, free, ASTRAY) and agree(first, joint, ASTRAY):
+            return joint, noise
+        # Far from where they looked the sources no longer say what they seem to.
+        return first, None
 
 
 def counted(tracks: Tracks) -> dict[str, int]:
