@@ -42,7 +42,7 @@ def recorded_of(truth: Geometry, seed: int = 4) -> Floats:
     return np.asarray(truth.theta + walk - walk[0])
 
 
-@pytest.mark.parametrize("span", [180.0, 360.0])
+@pytest.mark.parametrize("span", [180.0, 360.0, 720.0])
 def test_angles_axis_and_roll_are_found_to_the_noise(sighted: Sighted, span: float) -> None:
     tracks, position, truth = sighted(span, noise=NOISE_PX, outliers=0.05)
     recorded = recorded_of(truth)
@@ -189,3 +189,11 @@ def test_sightings_are_sorted_by_feature_then_by_angle(sighted: Sighted) -> None
     same = np.diff(sightings.feature) == 0
     assert np.all(np.diff(truth.theta[sightings.projection])[same] > 0)
     np.testing.assert_array_equal(tracks.column[sightings.order], sightings.column)
+
+
+def test_turns_at_the_very_same_angles_are_no_obstacle(sighted: Sighted) -> None:
+    tracks, _, truth = sighted(720.0, noise=NOISE_PX)
+    assert np.median(np.diff(np.sort(np.mod(truth.theta, 2 * np.pi)))) < 1e-9
+    found = Landmarks().adjust(tracks, truth, with_encoder(truth.theta))
+    assert np.isfinite(found.weights).all()
+    assert np.isfinite(found.quadratic.information).all()

@@ -119,9 +119,14 @@ def honest(said: Said, alone: Fused) -> Said:
 def solver_with(
     graph: FactorGraph, recorded: Geometry, measurements: AngleMeasurements
 ) -> Callable[[Geometry, Quadratic], Floats]:
-    """Return what tells a source, linearised somewhere, which change (n + 2,) the graph wants."""
+    """Return what tells a source, linearised somewhere, which change (n + 2,) the graph wants.
+
+    The change is NaN where the source does not speak in numbers.
+    """
 
     def solve(geometry: Geometry, quadratic: Quadratic) -> Floats:
+        if not np.isfinite(quadratic.information).all():
+            return np.full(len(quadratic.pull), np.nan)
         return change_of(graph.joint(recorded, measurements, geometry, [quadratic]))
 
     return solve

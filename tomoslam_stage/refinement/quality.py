@@ -75,9 +75,10 @@ def _support(sightings: Sightings, theta: Floats) -> Floats:
     """(s,) other sightings of the same feature from nearby angles."""
     turn = 2 * np.pi
     place = np.mod(theta, turn)
-    reach = SUPPORT_STEPS * float(np.median(np.diff(np.sort(place))))
+    # The mean gap: where turns are repeated, the usual one may be none at all.
+    reach = SUPPORT_STEPS * float(np.ptp(place)) / max(len(theta) - 1, 1)
     # Features lie further apart on this line than any two angles do.
     key = 20.0 * sightings.feature + place[sightings.projection]
     ordered = np.sort(key)
-    ends = np.searchsorted(ordered, key + reach) - np.searchsorted(ordered, key - reach)
-    return np.asarray(ends - 1, np.float64)
+    after = np.searchsorted(ordered, key + reach, side="right")
+    return np.asarray(after - np.searchsorted(ordered, key - reach) - 1, np.float64)
