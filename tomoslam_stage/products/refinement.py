@@ -140,7 +140,7 @@ class Refinement:
     sources: Mapping[str, str] = field(default_factory=dict)
     """By name of each source of angle measurements: that it was used, or why it was left out."""
     events: tuple[Event, ...] = ()
-    """Lost steps and the like, in order."""
+    """Lost steps and the like, in order; none where the recorded angles stand."""
     roll: float = 0.0
     """Tilt of the axis in the detector plane as the sources found it, radians."""
     stage_noise: StageNoise | None = None

@@ -211,7 +211,8 @@ class RefineTheta:
             residuals=fused.residuals,
             sources=outcome.sources,
             counts=outcome.counts,
-            events=outcome.events,
+            # Where the angles do not stand, neither do the lapses that they show.
+            events=outcome.events if verdict.status == "accepted" else (),
             roll=fused.geometry.roll,
             stage_noise=outcome.noise,
             histograms=outcome.histograms,
