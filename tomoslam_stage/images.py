@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
-from scipy.fft import rfft
 
 if TYPE_CHECKING:
     from tomoslam_stage.products import Floats, Pixels
@@ -48,9 +47,14 @@ def noise_sigma(image: Pixels) -> float:
     return float(ROBUST_SIGMA * np.median(np.abs(both)) / 6)
 
 
-def robust_sigma(values: Pixels) -> float:
+def robust_sigma(values: Pixels | Floats) -> float:
     """Return the standard deviation of `values` that outliers do not move."""
-    return float(ROBUST_SIGMA * np.median(np.abs(values - np.median(values))))
+    return robust_scale(values - np.median(values))
+
+
+def robust_scale(values: Pixels | Floats) -> float:
+    """Return the standard deviation of `values` about zero that outliers do not move."""
+    return float(ROBUST_SIGMA * np.median(np.abs(values)))
 
 
 def ramp(length: int, window: Window) -> Floats:
@@ -58,6 +62,8 @@ def ramp(length: int, window: Window) -> Floats:
 
     Kak and Slaney, Principles of Computerized Tomographic Imaging (1988), equation 3-61.
     """
+    from scipy.fft import rfft
+
     column = np.minimum(np.arange(length), length - np.arange(length))
     kernel = np.zeros(length)
     kernel[0] = 0.25

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from tomoslam_stage.mapping import Solve
-from tomoslam_stage.products import Floats, Geometry, Integers, Pixels, Quadratic, Scan
+from tomoslam_stage.products import Floats, Geometry, Integers, Pixels, Quadratic, Scan, Solve
 
 COLUMNS = 64
 AXIS = 32.7

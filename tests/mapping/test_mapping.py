@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
     from conftest import Known
 
-    from tomoslam_stage.mapping import Solve
-    from tomoslam_stage.products import Floats, Geometry, Integers, Quadratic, Scan
+    from tomoslam_stage.products import Floats, Geometry, Integers, Quadratic, Scan, Solve
 
     Holding = Callable[[Floats], Solve]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.errors import ScanError
-from tomoslam_stage.products import Integers, Pixels
+from tomoslam_stage.products import Along, Integers, Pixels
 from tomoslam_stage.scans import ArraySource, blocks, spooled
 from tomoslam_stage.scans import spool as spooling
 
@@ -29,7 +29,7 @@ def doubled(block: Pixels, _rows: Integers) -> Pixels:
 
 @pytest.mark.usefixtures("few_pixels")
 @pytest.mark.parametrize("along", ["projection", "row"])
-def test_blocks_cover_every_pixel_once_and_stay_small(along: spooling.Along) -> None:
+def test_blocks_cover_every_pixel_once_and_stay_small(along: Along) -> None:
     seen = np.zeros((40, 23), int)
     for projections, rows in blocks((40, 23, 10), along):
         seen[np.ix_(projections, rows)] += 1
@@ -47,7 +47,7 @@ def test_blocks_are_whole_chunks_where_they_are_longer(length: int, expected: in
 @pytest.mark.usefixtures("few_pixels")
 @pytest.mark.parametrize("along", ["projection", "row"])
 def test_prepared_projections_read_back_in_any_order(
-    stack: Pixels, along: spooling.Along, tmp_path: Path
+    stack: Pixels, along: Along, tmp_path: Path
 ) -> None:
     spool = spooled(ArraySource(stack), doubled, along, "doubling", tmp_path)
     projections, rows = np.array([39, 0, 7]), np.array([22, 3])

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tomoslam_stage.geometry import triangle_angles, triangle_jacobian
+from tomoslam_stage.images import robust_scale
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -106,7 +107,7 @@ def fit_robustly(columns: Floats, inliers: NDArray[np.bool_]) -> tuple[Plane, ND
     plane = fit_plane(columns[inliers])
     for _ in range(10):
         distance = np.abs(plane.residuals(columns))
-        limit = max(3 * 1.4826 * float(np.median(distance[inliers])), 1e-3)
+        limit = max(3 * robust_scale(distance[inliers]), 1e-3)
         chosen = distance <= limit
         if chosen.sum() < 4 or np.array_equal(chosen, inliers):
             break

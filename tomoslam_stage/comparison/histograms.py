@@ -10,6 +10,7 @@ import numpy as np
 
 from tomoslam_stage.comparison import canvas
 from tomoslam_stage.comparison.canvas import Box
+from tomoslam_stage.images import robust_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,7 +70,7 @@ def lengths_histogram(lengths: Floats) -> Histogram:
 
 def residuals_histogram(residuals: Floats) -> Histogram:
     """Count sightings by their residual (s,), px, beside a normal distribution."""
-    scale = 1.4826 * float(np.median(np.abs(residuals)))
+    scale = robust_scale(residuals)
     reach = REACH * scale if scale > 0 else max(float(np.abs(residuals).max()), 1.0)
     edges = np.linspace(-reach, reach, MOST_BARS + 2)
     counts = counted(residuals, edges)

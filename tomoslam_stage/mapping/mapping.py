@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from tomoslam_stage.mapping.looking import Look
-    from tomoslam_stage.mapping.stepping import Solve
-    from tomoslam_stage.products import Pixels, Scan
+    from tomoslam_stage.products import Pixels, Scan, Solve
 
 FEWEST_ROWS = 4
 """Fewer do not show by their scatter how sure they are."""

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
 from tomoslam_stage.mapping.curvature import Place, secant
 from tomoslam_stage.mapping.looking import Look
 from tomoslam_stage.mapping.weighing import doubts, formal_sigma, noise, whitener
-from tomoslam_stage.products import Floats, Geometry, Quadratic
-
-Solve: TypeAlias = Callable[[Geometry, Quadratic], Floats]
-"""(n + 2,) the change that everything known together wants, given what the map says."""
+from tomoslam_stage.products import Floats, Geometry, Quadratic, Solve
 
 LONGEST = np.deg2rad(1.0)
 """Radians that an angle may change in one step."""

@@ -21,13 +21,22 @@ from tomoslam_stage.products.refinement import (
     Geometry,
     Quadratic,
     Refinement,
+    Solve,
     StageNoise,
     Status,
 )
-from tomoslam_stage.products.scan import Conversion, ProjectionSource, Raw, Scan, Values
+from tomoslam_stage.products.scan import (
+    Along,
+    Conversion,
+    ProjectionSource,
+    Raw,
+    Scan,
+    Values,
+)
 from tomoslam_stage.products.slices import Comparison, Reconstruction, Reconstructions, Truth
 
 __all__ = [
+    "Along",
     "AngleMeasurements",
     "Comparison",
     "Conversion",
@@ -45,6 +54,7 @@ __all__ = [
     "Reconstructions",
     "Refinement",
     "Scan",
+    "Solve",
     "StageNoise",
     "Status",
     "Tracks",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
@@ -60,6 +60,10 @@ class Quadratic:
     def after(self, change: Floats) -> Quadratic:
         """Return the same, told from where a `change` (n + 2,) leads to."""
         return Quadratic(self.information, self.pull - self.information @ change)
+
+
+Solve: TypeAlias = Callable[[Geometry, Quadratic], Floats]
+"""(n + 2,) the change that everything known together wants, given what one source says."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from tomoslam_stage.products.arrays import Floats, Integers, Pixels
 if TYPE_CHECKING:
     from pathlib import Path
 
+Along: TypeAlias = Literal["projection", "row"]
+"""What a block holds whole: some projections with all rows, or some rows of all projections."""
 Values: TypeAlias = Literal["counts", "transmission", "line_integrals"]
 
 

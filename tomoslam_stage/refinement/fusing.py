@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tomoslam_stage.geometry import rms
-from tomoslam_stage.products import Floats, Geometry, Quadratic
+from tomoslam_stage.geometry import rms, rms_difference
+from tomoslam_stage.products import Floats, Geometry, Quadratic, Solve
 from tomoslam_stage.refinement.joint import change_of, covariance_of
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def fused(
         geometry=here,
         covariance=centred(covariance[:-2, :-2]),
         halves=np.stack([moved_by(covariance, each.halves) for each in said]),
-        bias=moved_by(covariance, sum_of([each.bias for each in said])),
+        bias=moved_by(covariance, np.sum([each.bias for each in said], axis=0)),
         residuals={name: block.residuals(here.theta) for name, block in blocks.items()},
     )
 
@@ -116,9 +116,7 @@ def honest(said: Said, alone: Fused) -> Said:
     )
 
 
-def solver_with(
-    graph: FactorGraph, recorded: Geometry, measurements: AngleMeasurements
-) -> Callable[[Geometry, Quadratic], Floats]:
+def solver_with(graph: FactorGraph, recorded: Geometry, measurements: AngleMeasurements) -> Solve:
     """Return what tells a source, linearised somewhere, which change (n + 2,) the graph wants.
 
     The change is NaN where the source does not speak in numbers.
@@ -146,13 +144,7 @@ def centred(covariance: Floats) -> Floats:
     return np.asarray(rows - rows.mean(axis=1, keepdims=True))
 
 
-def sum_of(pulls: Sequence[Any]) -> Floats:
-    """Add up pulls (n + 2,)."""
-    return np.asarray(np.sum(pulls, axis=0))
-
-
 def agree(first: Fused, second: Fused, tolerance: float) -> bool:
     """Say whether two solutions tell the same angles within `tolerance` times their joint sigma."""
-    apart = first.geometry.theta - second.geometry.theta
-    expected = np.hypot(rms(first.sigma), rms(second.sigma))
-    return rms(apart - apart.mean()) <= tolerance * float(expected)
+    apart = rms_difference(first.geometry.theta, second.geometry.theta)
+    return apart <= tolerance * float(np.hypot(rms(first.sigma), rms(second.sigma)))

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from tomoslam_stage.products import Quadratic
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tomoslam_stage.products import Floats, Geometry, Quadratic
+    from tomoslam_stage.products import Floats, Geometry
     from tomoslam_stage.refinement.factors import Block
 
 ANGLES, AXIS = 0, 1
@@ -62,14 +64,12 @@ def stacked(block: Block, theta: Floats) -> Rows:
 
 def without_common_angle(quadratic: Quadratic) -> Quadratic:
     """Take out what a source seems to say about a turn of all angles together: nobody sees it."""
-    from dataclasses import replace
-
     n = len(quadratic.pull) - 2
     information, pull = quadratic.information.copy(), quadratic.pull.copy()
     information[:n] -= information[:n].mean(axis=0)
     information[:, :n] -= information[:, :n].mean(axis=1, keepdims=True)
     pull[:n] -= pull[:n].mean()
-    return replace(quadratic, information=information, pull=pull)
+    return Quadratic(information, pull)
 
 
 def in_parts(quadratic: Quadratic) -> tuple[Floats, Floats, Floats, Floats, Floats]:

@@ -7,26 +7,23 @@ and its answer moves geometry and features (Gauss-Newton, iteratively reweighted
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field
 from threadpoolctl import threadpool_limits
 
+from tomoslam_stage.images import robust_scale
 from tomoslam_stage.methods import method
 from tomoslam_stage.products import Features, Floats, Geometry, Quadratic
 from tomoslam_stage.refinement.elimination import eliminated
 from tomoslam_stage.refinement.leaning import with_rows
 from tomoslam_stage.refinement.sightings import Sightings
-from tomoslam_stage.refinement.weighing import Weighing, robust_scale
+from tomoslam_stage.refinement.weighing import Weighing
 
 if TYPE_CHECKING:
-    from tomoslam_stage.products import Tracks
-
-Solve: TypeAlias = Callable[[Geometry, Quadratic], Floats]
-"""(n + 2,) the change that the whole factor graph wants, see `Geometry`."""
+    from tomoslam_stage.products import Solve, Tracks
 
 FIRST_ROUNDS = 3
 """Rounds of weighing before features are first trusted."""

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tomoslam_stage.refinement.weighing import geman_mcclure, robust_scale
+from tomoslam_stage.images import robust_scale
+from tomoslam_stage.refinement.weighing import geman_mcclure
 
 if TYPE_CHECKING:
     from tomoslam_stage.products import Geometry, Quadratic

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tomoslam_stage.images import robust_sigma
 from tomoslam_stage.products import Event, Floats, StageNoise
 
 LEAST_DEG = 0.002
@@ -64,7 +65,7 @@ def usual_steps(correction: Floats) -> Floats:
     """(n - 1,) errors of the steps, none of them beyond three times the usual."""
     steps = np.diff(correction)
     middle = np.median(steps)
-    reach = max(3 * 1.4826 * float(np.median(np.abs(steps - middle))), np.deg2rad(LEAST_DEG))
+    reach = max(3 * robust_sigma(steps), np.deg2rad(LEAST_DEG))
     return np.asarray(np.clip(steps, middle - reach, middle + reach))
 
 
@@ -86,9 +87,8 @@ def lapses(recorded: Floats, correction: Floats, covariance: Floats) -> tuple[Ev
         (n, n) of the refined angles, radians squared.
     """
     errors = np.diff(correction)
-    usual = 1.4826 * np.median(np.abs(errors - np.median(errors)))
     unknown = np.maximum(np.diag(step_covariance(covariance)), 0)
-    spread = np.maximum(np.sqrt(usual**2 + unknown), np.deg2rad(LEAST_DEG))
+    spread = np.maximum(np.sqrt(robust_sigma(errors) ** 2 + unknown), np.deg2rad(LEAST_DEG))
     significance = np.abs(errors - np.median(errors)) / spread
     large = np.abs(np.degrees(errors)) >= LEAST_LAPSE_DEG
     steps = np.diff(recorded)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from tomoslam_stage.images import robust_scale
 from tomoslam_stage.refinement.quality import predicted_sigma, signs
 
 if TYPE_CHECKING:
@@ -82,8 +83,3 @@ def geman_mcclure(residuals: Floats, sigma: Floats | float, grip: float) -> Floa
     """(s,) px^-2: weights that fall to a quarter at `grip` standard deviations `sigma`, px."""
     relative = residuals / (grip * sigma)
     return np.asarray(1 / (1 + relative**2) ** 2 / sigma**2)
-
-
-def robust_scale(residuals: Floats) -> float:
-    """Return the standard deviation of normal residuals (s,) that some outliers joined."""
-    return 1.4826 * float(np.median(np.abs(residuals)))

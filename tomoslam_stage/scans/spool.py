@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -16,13 +16,10 @@ from tomoslam_stage.scans.selection import BLOCK_PIXELS, gather
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from tomoslam_stage.products import Integers, Pixels, ProjectionSource
+    from tomoslam_stage.products import Along, Integers, Pixels, ProjectionSource
 
 CHUNK_PROJECTIONS, CHUNK_ROWS = 16, 16
 """Of a chunk in the file: reading by projection and reading by row cost about the same."""
-
-Along: TypeAlias = Literal["projection", "row"]
-"""What a block holds whole: some projections with all rows, or some rows of all projections."""
 
 
 class Preparation(Protocol):

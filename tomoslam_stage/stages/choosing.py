@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from tomoslam_stage.geometry import rms
+from tomoslam_stage.geometry import rms_difference
 from tomoslam_stage.methods import method
 from tomoslam_stage.products import Floats
 from tomoslam_stage.refinement import Fused, agree, gain_sigma
@@ -57,8 +57,8 @@ class Choice:
             return {FEATURES: USED, MAP: why}
         if agree(found[FEATURES], found[MAP], self.agreement):
             return {FEATURES: USED, MAP: USED}
-        apart = found[FEATURES].geometry.theta - found[MAP].geometry.theta
-        degrees = float(np.rad2deg(rms(apart - apart.mean())))
+        apart = rms_difference(found[FEATURES].geometry.theta, found[MAP].geometry.theta)
+        degrees = float(np.rad2deg(apart))
         why = f"left out: {degrees:.2g} degrees apart, and unused rows speak for the other"
         lower = FEATURES if falls(squares, FEATURES, MAP, theta) else MAP
         return {name: USED if name == lower else why for name in found}

@@ -10,7 +10,7 @@ from tomoslam_stage import scans
 from tomoslam_stage.errors import PipelineError
 from tomoslam_stage.methods import method
 from tomoslam_stage.products import Scan, Values
-from tomoslam_stage.stages.loading import checked_writable
+from tomoslam_stage.stages.loading import SIZES, loaded
 from tomoslam_stage.stages.work import SideOutputs, Work
 
 WHERE = "standard_tomo"
@@ -24,7 +24,7 @@ class StandardTomo:
     """
 
     makes: ClassVar = ("scan",)
-    gives: ClassVar = ("n_projections", "n_rows", "n_columns")
+    gives: ClassVar = SIZES
     leaves: ClassVar[tuple[Values, ...]] = ("counts", "transmission", "line_integrals")
 
     data_path: str = "auto"
@@ -52,9 +52,7 @@ class StandardTomo:
 
     def run(self, work: Work) -> SideOutputs:
         """Leave the scan; find out now whether angles could be written at the end."""
-        work.scan = self.opened(work.path)
-        checked_writable(work)
-        return {name: getattr(work.scan, name) for name in self.gives}
+        return loaded(self.opened(work.path), work)
 
     def opened(self, path: Path) -> Scan:
         """Open the scan at `path`, its values as they are stored."""

@@ -10,8 +10,8 @@ import numpy as np
 from tomoslam_stage.progress import progress
 
 if TYPE_CHECKING:
-    from tomoslam_stage.products import Geometry, Tracks
-    from tomoslam_stage.refinement.landmarks import Adjusted, Landmarks, Solve
+    from tomoslam_stage.products import Geometry, Solve, Tracks
+    from tomoslam_stage.refinement.landmarks import Adjusted, Landmarks
     from tomoslam_stage.tracks.tracking import Seen, Tracking
 
 FEWEST = 10

@@ -12,13 +12,16 @@ from tomoslam_stage.methods import method
 from tomoslam_stage.products import Scan, Values
 from tomoslam_stage.stages.work import SideOutputs, Work
 
+SIZES = ("n_projections", "n_rows", "n_columns")
+"""Side outputs of everything that loads a scan."""
+
 
 @method
 class LoadScan:
     """Open a DXchange scan; everything about it is checked before any work."""
 
     makes: ClassVar = ("scan",)
-    gives: ClassVar = ("n_projections", "n_rows", "n_columns")
+    gives: ClassVar = SIZES
     leaves: ClassVar[tuple[Values, ...]] = ("line_integrals",)
 
     kind: scans.Kind = "auto"
@@ -32,9 +35,7 @@ class LoadScan:
 
     def run(self, work: Work) -> SideOutputs:
         """Leave the scan; find out now whether angles could be written at the end."""
-        work.scan = self.opened(work.path)
-        checked_writable(work)
-        return {name: getattr(work.scan, name) for name in self.gives}
+        return loaded(self.opened(work.path), work)
 
     def opened(self, path: Path) -> Scan:
         """Open the scan at `path`, see `scans.open_scan`."""
@@ -47,7 +48,9 @@ class LoadScan:
         )
 
 
-def checked_writable(work: Work) -> None:
-    """Refuse a scan now that could not be written to at the end."""
+def loaded(scan: Scan, work: Work) -> SideOutputs:
+    """Leave `scan` and return its sizes; refuse now what could not be written to at the end."""
     if work.output is None and not work.dry_run:
         scans.check_writable(work.path)
+    work.scan = scan
+    return {name: getattr(scan, name) for name in SIZES}

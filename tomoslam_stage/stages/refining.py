@@ -25,7 +25,7 @@ from tomoslam_stage.refinement import (
 from tomoslam_stage.reprojection import Reprojection
 from tomoslam_stage.scans import binned
 from tomoslam_stage.stages.choosing import Choice
-from tomoslam_stage.stages.sources import Outcome, Sources
+from tomoslam_stage.stages.sources import Outcome, Sources, counted
 from tomoslam_stage.stages.triplets import Found, TripletSolver
 from tomoslam_stage.stages.work import Clock, SideOutputs, Work, check_axis
 from tomoslam_stage.tracks import Tracking
@@ -48,6 +48,11 @@ class Unused:
     """By name of the angles: the axis that suits them best, px."""
     squares: dict[str, Floats] = field(default_factory=dict)
     """By name of the angles: (r, n) mean squared residual."""
+
+    def keep_recorded(self) -> None:
+        """Let the refined angles be the recorded ones."""
+        self.axes["refined"] = self.axes["recorded"]
+        self.squares["refined"] = self.squares["recorded"]
 
     def told_in(self, scan: Scan) -> dict[str, Any]:
         """Return the fields of a `Refinement` that tell about these rows, in px of `scan`."""
@@ -222,8 +227,7 @@ class RefineTheta:
 
 def unanswered(scan: Scan, outcome: Outcome, unused: Unused) -> Refinement:
     """Keep the recorded angles of a scan about which no source says anything."""
-    unused.axes["refined"] = unused.axes["recorded"]
-    unused.squares["refined"] = unused.squares["recorded"]
+    unused.keep_recorded()
     return Refinement(
         recorded=scan.theta,
         refined=scan.theta,
@@ -240,8 +244,7 @@ def unanswered(scan: Scan, outcome: Outcome, unused: Unused) -> Refinement:
 def unmeasured(scan: Scan, found: Found, unused: Unused) -> Refinement:
     """Keep the recorded angles of a scan whose features say nothing about them."""
     verdict = nothing_measured(found.tracks, found.measurements)
-    unused.axes["refined"] = unused.axes["recorded"]
-    unused.squares["refined"] = unused.squares["recorded"]
+    unused.keep_recorded()
     return Refinement(
         recorded=scan.theta,
         refined=scan.theta,
@@ -257,10 +260,7 @@ def counts(found: Found) -> dict[str, int]:
     """Numbers for the report; of triplets that gave no measurement, how many for which reason."""
     tracks, measurements = found.tracks, found.measurements
     return {
-        "keypoints": int(tracks.keypoints.sum()),
-        "fixed to the detector": tracks.fixed_to_detector,
-        "features": tracks.n_features,
-        "sightings": tracks.n_sightings,
+        **counted(tracks),
         "triplets measured": measurements.n_measured,
         **{f"triplets failed: {why}": count for why, count in measurements.failures.items()},
     }

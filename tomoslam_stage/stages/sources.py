@@ -16,8 +16,8 @@ from tomoslam_stage.products import (
     Floats,
     Geometry,
     Integers,
-    Quadratic,
     Scan,
+    Solve,
     StageNoise,
     Tracks,
 )
@@ -37,14 +37,11 @@ from tomoslam_stage.stages.choosing import FEATURES, MAP, RECORDED, USED, Choice
 from tomoslam_stage.stages.landmarks import FEWEST, Placed, Turns
 from tomoslam_stage.stages.triplets import TripletSolver
 from tomoslam_stage.stages.work import Clock
-from tomoslam_stage.tracks import Tracking, halves
-from tomoslam_stage.tracks.tracking import Seen
+from tomoslam_stage.tracks import Seen, Tracking, halves
 
 ASTRAY = 3.0
 """Standard deviations by which another noise of the stage may change the angles."""
 
-Solve = Callable[[Geometry, Quadratic], Floats]
-"""(n + 2,) the change that all factors and what a source says want together."""
 Judge = Callable[[str, Floats], Floats]
 """Reproject rows that were not used with angles of this name: (r, n) mean squared residual."""
 
@@ -68,8 +65,8 @@ class Outcome:
 
 
 @dataclass
-class Found:
-    """What is known so far."""
+class Heard:
+    """What the sources have said so far."""
 
     squares: dict[str, Floats]
     """By name of the angles: (r, n) mean squared residual on unused rows."""
@@ -114,32 +111,32 @@ class Sources:
         clock
             Hears how long each station takes.
         """
-        found = Found({RECORDED: judge(RECORDED, start.theta)})
+        heard = Heard({RECORDED: judge(RECORDED, start.theta)})
         measurements = AngleMeasurements.none()
         if self.landmarks is not None or self.angles is not None:
             with clock("tracks"):
                 seen = self.tracks.see(scan, start.axis, rows.usable)
-            found.counts |= counted(seen.tracks)
+            heard.counts |= counted(seen.tracks)
             if self.angles is not None:
                 with clock("triplets"):
                     turns = TripletSolver(self.angles, self.graph, self.rounds, self.settled_deg)
                     measurements, _ = turns.said(seen.tracks, start.theta, start.axis)
-                found.counts["triplets measured"] = measurements.n_measured
+                heard.counts["triplets measured"] = measurements.n_measured
         solve = solver_with(self.graph, start, measurements)
         if self.landmarks is not None:
             with clock(FEATURES):
-                self._ask_features(found, seen, scan.n_rows, start, solve)
-                self._judge(FEATURES, found, judge)
+                self._ask_features(heard, seen, scan.n_rows, start, solve)
+                self._judge(FEATURES, heard, judge)
         if self.mapping is not None:
             with clock(MAP):
-                begin = self._best_start(found, start)
-                self._ask_map(found, scan, np.flatnonzero(rows.usable), begin, solve)
-                self._judge(MAP, found, judge)
+                begin = self._best_start(heard, start)
+                self._ask_map(heard, scan, np.flatnonzero(rows.usable), begin, solve)
+                self._judge(MAP, heard, judge)
         with clock("graph"):
-            return self._joined(found, start, measurements)
+            return self._joined(heard, start, measurements)
 
     def _ask_features(
-        self, found: Found, seen: Seen, n_rows: int, start: Geometry, solve: Solve
+        self, heard: Heard, seen: Seen, n_rows: int, start: Geometry, solve: Solve
     ) -> None:
         """Place the features, all of them and either half."""
         landmarks = self.landmarks or Landmarks()
@@ -148,20 +145,20 @@ class Sources:
         if whole is None:
             followed = seen.tracks.sighted(self.tracks.growing.fewest).n_features
             why = f"left out: {followed} features could be followed; {FEWEST} are needed"
-            found.notes[FEATURES] = why
+            heard.notes[FEATURES] = why
             return
         parts = halves(whole.tracks, n_rows)
         fewest = min(part.n_features for part in parts)
         if fewest < FEWEST // 2:
             why = f"left out: half of the features are {fewest}; {FEWEST // 2} are needed"
-            found.notes[FEATURES] = why
+            heard.notes[FEATURES] = why
             return
-        found.counts |= counted(whole.tracks)
-        found.histograms |= drawn(whole)
+        heard.counts |= counted(whole.tracks)
+        heard.histograms |= drawn(whole)
         ended, quadratic = whole.adjusted.geometry, whole.adjusted.quadratic
         ends = [landmarks.adjust(half, ended, solve) for half in parts]
         apart = ends[0].geometry.since(ends[1].geometry)
-        found.said[FEATURES] = Said(
+        heard.said[FEATURES] = Said(
             geometry=ended,
             quadratic=quadratic,
             # Each half has half of the information; its pull leads to where it ended.
@@ -170,17 +167,17 @@ class Sources:
         )
 
     def _ask_map(
-        self, found: Found, scan: Scan, usable: Integers, begin: Geometry, solve: Solve
+        self, heard: Heard, scan: Scan, usable: Integers, begin: Geometry, solve: Solve
     ) -> None:
         """Let the reconstruction correct the angles."""
         mapped = (self.mapping or MapFactor()).refine(scan, usable, begin, solve)
         if mapped is None:
             asked = f"{len(usable)} rows of {scan.n_projections} projections"
-            found.notes[MAP] = f"left out: {asked} say nothing about the angles"
+            heard.notes[MAP] = f"left out: {asked} say nothing about the angles"
             return
-        found.excess = mapped.excess
-        found.counts["map rows"] = len(mapped.rows)
-        found.said[MAP] = Said(
+        heard.excess = mapped.excess
+        heard.counts["map rows"] = len(mapped.rows)
+        heard.said[MAP] = Said(
             geometry=mapped.geometry,
             quadratic=mapped.quadratic,
             halves=mapped.row_pulls[::2].sum(axis=0) - mapped.row_pulls[1::2].sum(axis=0),
@@ -188,33 +185,33 @@ class Sources:
         )
 
     @staticmethod
-    def _judge(name: str, found: Found, judge: Judge) -> None:
-        if name in found.said:
-            found.squares[name] = judge(name, found.said[name].geometry.theta)
+    def _judge(name: str, heard: Heard, judge: Judge) -> None:
+        if name in heard.said:
+            heard.squares[name] = judge(name, heard.said[name].geometry.theta)
 
     @staticmethod
-    def _best_start(found: Found, start: Geometry) -> Geometry:
+    def _best_start(heard: Heard, start: Geometry) -> Geometry:
         """Begin where unused rows reproject best so far."""
-        if FEATURES in found.said and falls(found.squares, FEATURES, RECORDED, start.theta):
-            return found.said[FEATURES].geometry
+        if FEATURES in heard.said and falls(heard.squares, FEATURES, RECORDED, start.theta):
+            return heard.said[FEATURES].geometry
         return start
 
-    def _joined(self, found: Found, recorded: Geometry, measurements: AngleMeasurements) -> Outcome:
+    def _joined(self, heard: Heard, recorded: Geometry, measurements: AngleMeasurements) -> Outcome:
         """Choose among the sources, and solve the graph with those that are believed."""
         alone = {
             name: fused(self.graph, recorded, measurements, [said])
-            for name, said in found.said.items()
+            for name, said in heard.said.items()
         }
-        chosen = self.choice.of(alone, found.excess, found.squares, recorded.theta)
-        notes = {**found.notes, **chosen}
+        chosen = self.choice.of(alone, heard.excess, heard.squares, recorded.theta)
+        notes = {**heard.notes, **chosen}
         used = [
-            honest(found.said[name], alone[name]) for name, note in chosen.items() if note == USED
+            honest(heard.said[name], alone[name]) for name, note in chosen.items() if note == USED
         ]
         if not used:
-            return Outcome(None, notes, counts=found.counts, histograms=found.histograms)
+            return Outcome(None, notes, counts=heard.counts, histograms=heard.histograms)
         joint, noise = self._with_noise(used, recorded, measurements)
         events = lapses(recorded.theta, joint.geometry.theta - recorded.theta, joint.covariance)
-        return Outcome(joint, notes, events, noise, found.counts, found.histograms)
+        return Outcome(joint, notes, events, noise, heard.counts, heard.histograms)
 
     def _with_noise(
         self, used: Sequence[Said], recorded: Geometry, measurements: AngleMeasurements

@@ -7,7 +7,7 @@ is in `allowed`; whatever needs it raises `BackendMissingError` where it is not 
 
 from __future__ import annotations
 
-from tomoslam_stage.tomopy_adapter.allowed import ALLOWED, REFUSED, Along, How, allowed
+from tomoslam_stage.tomopy_adapter.allowed import ALLOWED, REFUSED, How, allowed
 from tomoslam_stage.tomopy_adapter.analytic import fbp, gridrec
 from tomoslam_stage.tomopy_adapter.calling import along, call, fills, keywords, recon_keywords
 from tomoslam_stage.tomopy_adapter.installed import HOW_TO_GET_IT, require, version
@@ -17,7 +17,6 @@ __all__ = [
     "ALLOWED",
     "HOW_TO_GET_IT",
     "REFUSED",
-    "Along",
     "How",
     "allowed",
     "along",

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING
 
 from tomoslam_stage.errors import PipelineError, nearest
 
-Along: TypeAlias = Literal["projection", "row"]
-"""What a block holds whole: some projections with all rows, or some rows of all projections."""
+if TYPE_CHECKING:
+    from tomoslam_stage.products import Along
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tomoslam_stage.errors import PipelineError, nearest
-from tomoslam_stage.tomopy_adapter.allowed import Along, allowed
+from tomoslam_stage.tomopy_adapter.allowed import allowed
 from tomoslam_stage.tomopy_adapter.installed import module
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from tomoslam_stage.products import Pixels
+    from tomoslam_stage.products import Along, Pixels
 
 OURS = frozenset({"ncore", "nchunk", "out", "sinogram_order"})
 """Parameters of many functions that say how to work, not what to do."""

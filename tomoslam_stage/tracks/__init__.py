@@ -6,6 +6,6 @@ To add a detector, write it in `detectors`; to add a way of following, in `follo
 from tomoslam_stage.tracks.detectors import DETECTORS
 from tomoslam_stage.tracks.following import FOLLOWERS
 from tomoslam_stage.tracks.halves import halves
-from tomoslam_stage.tracks.tracking import Tracking
+from tomoslam_stage.tracks.tracking import Seen, Tracking
 
-__all__ = ["DETECTORS", "FOLLOWERS", "Tracking", "halves"]
+__all__ = ["DETECTORS", "FOLLOWERS", "Seen", "Tracking", "halves"]
