@@ -14,6 +14,7 @@ from tomoslam_stage.geometry import (
     partners,
     rms,
     rms_difference,
+    spread,
     triangle_angles,
     triangle_jacobian,
     wrapped,
@@ -199,3 +200,10 @@ def test_a_few_lost_projections_are_made_up_for_by_their_neighbours(lost: int) -
     weights = np.rad2deg(angular_weights(np.deg2rad(kept)))
     np.testing.assert_allclose(weights[[69, 70]], 1 + lost / 2, rtol=1e-9)
     np.testing.assert_allclose(np.delete(weights, [69, 70]), 1, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("available", "count"), [(5, 12), (12, 12), (100, 12), (13, 12)])
+def test_rows_are_spread_from_the_first_to_the_last(available: int, count: int) -> None:
+    some = spread(available, count)
+    assert len(some) == min(available, count)
+    assert (some[0], some[-1]) == (0, available - 1)

@@ -9,13 +9,18 @@ from tomoslam_stage.images import (
     Window,
     bandpass,
     highpass,
+    mirrored,
     noise_sigma,
     ramp,
     robust_sigma,
+    shifted,
+    still,
     tapered,
 )
 
 if TYPE_CHECKING:
+    from conftest import Blobs
+
     from tomoslam_stage.products import Pixels
 
 MIDDLE = slice(150, 250)
@@ -115,3 +120,26 @@ def test_padding_falls_from_the_end_values_to_zero_on_either_side() -> None:
 def test_padding_by_nothing_changes_nothing() -> None:
     sinograms = np.array([[[4.0, 1.0, 2.0]]], np.float32)
     np.testing.assert_array_equal(tapered(sinograms, before=0, length=3), sinograms)
+
+
+def test_rows_are_shifted_each_by_its_own_amount(blobs: Blobs) -> None:
+    theta = np.linspace(0, 3, 7)
+    by = np.array([0.0, 0.3, -1.7])
+    wanted = [blobs.sinograms(theta, 31 + b, 64)[k] for k, b in enumerate(by)]
+    found = shifted(blobs.sinograms(theta, 31.0, 64), by[:, None])
+    np.testing.assert_allclose(found, wanted, atol=2e-3)
+
+
+def test_what_is_mirrored_is_what_is_seen_half_a_turn_on(blobs: Blobs) -> None:
+    theta = np.linspace(0, 3, 7)
+    behind = blobs.sinograms(theta + np.pi, 29.7, 64)
+    np.testing.assert_allclose(mirrored(blobs.sinograms(theta, 29.7, 64), 29.7), behind, atol=2e-3)
+
+
+def test_what_jittered_stands_still_again_in_every_row(blobs: Blobs) -> None:
+    theta = np.linspace(0, 3, 7)
+    shift = np.array([0.0, 0.3, -1.7, 0.4, 0.9, -0.2, 0.6])
+    sinograms = [blobs.sinograms(theta[k : k + 1], 31 + s, 64) for k, s in enumerate(shift)]
+    moved = np.concatenate(sinograms, axis=1)
+    np.testing.assert_allclose(still(moved, shift), blobs.sinograms(theta, 31.0, 64), atol=2e-3)
+    assert still(moved, None) is moved

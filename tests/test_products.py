@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.products import (
+    STILL,
+    UNKNOWNS,
     AngleMeasurements,
+    Geometry,
     Integers,
+    Layout,
     Pixels,
     Refinement,
     Scan,
     Tracks,
+    Unknown,
 )
 
 
@@ -185,3 +190,40 @@ def test_a_refinement_says_nothing_of_rows_where_none_were_held_out(
     assert made.heldout_rows.shape == (0,)
     assert made.heldout_rows.dtype == np.intp
     assert made.evidence is None
+
+
+@pytest.mark.parametrize("unknowns", [STILL, UNKNOWNS])
+def test_a_geometry_moved_by_a_change_is_that_change_away(unknowns: tuple[Unknown, ...]) -> None:
+    start = Geometry(np.arange(3.0), 30.0, 0.1, 12.0, np.array([0.0, 1, 2]), unknowns)
+    change = np.arange(1.0, start.layout.size + 1)
+    ended = start.moved(change)
+    np.testing.assert_allclose(ended.since(start), change)
+    assert (ended.axis, ended.roll) == (34.0, 5.1)
+    np.testing.assert_array_equal(ended.theta, [1, 3, 5])
+    moved = [6.0, 8, 10] if "shift" in unknowns else [0.0, 1, 2]
+    np.testing.assert_array_equal(ended.shift, moved)
+
+
+def test_points_on_the_axis_appear_where_roll_and_shift_put_them() -> None:
+    geometry = Geometry(np.zeros(2), 30.0, 0.1, 12.0, np.array([0.0, 0.5]))
+    np.testing.assert_allclose(
+        geometry.origin(np.array([12.0, 22.0]), np.array([0, 1])), [30, 31.5]
+    )
+    assert not Geometry(np.zeros(2), 30.0).shift.any()
+
+
+def test_a_shift_moves_no_row_however_the_axis_leans() -> None:
+    geometry = Geometry(np.zeros(2), 30.0, 0.1, 12.0, np.array([0.0, 0.5]))
+    level = geometry.level(np.array([35.0, 35.5]), np.array([12.0, 12.0]), np.array([0, 1]))
+    np.testing.assert_allclose(level, [12.5, 12.5])
+
+
+def test_what_is_held_has_a_place_and_is_not_free() -> None:
+    held = Layout(3, ("theta", "roll"))
+    assert held.size == 5
+    assert held.free(held.line).tolist() == [4]
+    assert held.free(held.shifts).tolist() == []
+    assert held.own == (slice(0, 3),)
+    jittered = Layout(3, UNKNOWNS)
+    assert jittered.free(slice(0, jittered.size)).tolist() == list(range(8))
+    assert jittered.own == (slice(0, 3), slice(5, 8))

@@ -113,3 +113,8 @@ def rms_difference(first: Floats, second: Floats) -> float:
     """Root of the mean square of the difference with its mean removed, as a gauge is free."""
     difference = first - second
     return rms(difference - np.nanmean(difference))
+
+
+def spread(available: int, count: int) -> Integers:
+    """Up to `count` indices of `available` things, evenly spread."""
+    return np.unique(np.linspace(0, available - 1, min(count, available)).round().astype(np.intp))

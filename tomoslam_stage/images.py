@@ -96,3 +96,32 @@ def tapered(sinograms: Pixels, before: int, length: int) -> Pixels:
     padded[..., :before] *= 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, before, endpoint=False))
     padded[..., length - after :] *= 0.5 + 0.5 * np.cos(np.linspace(0, np.pi, after + 1))[1:]
     return padded
+
+
+def shifted(sinograms: Pixels, by: Floats) -> Pixels:
+    """`sinograms` (r, n, column), each line moved to the right by its own of `by`, px.
+
+    `by` is (r, 1) where all projections move alike, (n,) where all rows do, or (r, n).
+    """
+    from scipy.fft import irfft, rfft
+
+    if not by.any():
+        return sinograms
+    columns = sinograms.shape[-1]
+    before, length = columns // 2, 2 * columns
+    cycles = np.asarray(by)[..., None] * np.fft.rfftfreq(length)
+    phase = np.exp(-2j * np.pi * cycles).astype(np.complex64)
+    spectrum = rfft(tapered(sinograms, before, length), axis=-1) * phase
+    moved = irfft(spectrum, length, axis=-1)[..., before : before + columns]
+    return np.asarray(moved, np.float32)
+
+
+def mirrored(sinograms: Pixels, axis: float) -> Pixels:
+    """`sinograms` (r, n, column) seen from behind: mirrored about the column `axis`, px."""
+    rows, _, columns = sinograms.shape
+    return shifted(sinograms[..., ::-1], np.full((rows, 1), 2 * axis - (columns - 1)))
+
+
+def still(sinograms: Pixels, shift: Floats | None) -> Pixels:
+    """`sinograms` (r, n, column) as if no projection were shifted, by `shift` (n,) px or not."""
+    return sinograms if shift is None else shifted(sinograms, -shift)

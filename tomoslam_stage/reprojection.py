@@ -47,16 +47,28 @@ class Reprojection:
         axis
             Detector column of the rotation axis, px.
         """
+        leave = self._judge(sinograms, theta, axis)
+
+        def of_block(block: Pixels) -> Floats:
+            return np.asarray(np.mean(np.square(leave(block), dtype=np.float64), axis=-1))
+
+        return in_blocks(of_block, sinograms)
+
+    def left(self, sinograms: Pixels, theta: Floats, axis: float) -> Pixels:
+        """(r, n, column) line integrals: the residual itself; parameters as for `squares`."""
+        return in_blocks(self._judge(sinograms, theta, axis), sinograms)
+
+    def _judge(self, sinograms: Pixels, theta: Floats, axis: float) -> Callable[[Pixels], Pixels]:
+        """Return what gives the fine part of what is left of some rows."""
         columns = sinograms.shape[-1]
         radon = Radon(theta, axis, columns, columns)
         inside = radon.disc()
 
-        def of_block(block: Pixels) -> Floats:
+        def left(block: Pixels) -> Pixels:
             slices = np.maximum(radon.fbp(block), 0) * inside
-            left = highpass(block - radon.project(slices), self.cutoff)
-            return np.asarray(np.mean(np.square(left, dtype=np.float64), axis=-1))
+            return highpass(block - radon.project(slices), self.cutoff)
 
-        return in_blocks(of_block, sinograms)
+        return left
 
     def find_axis(self, sinograms: Pixels, theta: Floats) -> float:
         """Detector column of the axis that leaves least of `sinograms` (r, n, column), px.

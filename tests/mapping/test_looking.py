@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.mapping import looking
-from tomoslam_stage.mapping.looking import Observed, observed, spread, strongest, truncated
+from tomoslam_stage.mapping.looking import Observed, Reading, observed, strongest, truncated
 from tomoslam_stage.products import Geometry
 
 if TYPE_CHECKING:
@@ -15,9 +15,13 @@ if TYPE_CHECKING:
 
     from tomoslam_stage.products import Floats, Pixels
 
+UNBINNED = Reading(1, 8.0, 1.5)
 STRENGTHS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.15)
 THETA = np.arange(60) * np.pi / 30
 START = Geometry(THETA, 64.8, np.deg2rad(0.2), 30.0)
+JITTERED = replace(
+    START, shift=np.random.default_rng(8).normal(0, 0.5, 60), unknowns=("theta", "axis", "shift")
+)
 
 
 @pytest.fixture
@@ -28,16 +32,21 @@ def fixed(blobs: Blobs, monkeypatch: pytest.MonkeyPatch) -> Observed:
     return Observed(blobs.sinograms(wrong, 32.0, 64), np.array([0, 20, 70]), 2, 8.0)
 
 
-@pytest.mark.parametrize("unknown", [0, 17, 59, 60, 61])
-def test_the_pull_is_the_slope_of_the_residual(fixed: Observed, unknown: int) -> None:
-    step = np.zeros(62)
-    step[unknown] = [np.deg2rad(0.05), 0.02, 0.02 / 40][max(0, unknown - 59)]
+@pytest.mark.parametrize(
+    ("start", "unknown"),
+    [(START, k) for k in (0, 17, 59, 60, 61)] + [(JITTERED, k) for k in (17, 60, 62, 80, 121)],
+)
+def test_the_pull_is_the_slope_of_the_residual(
+    fixed: Observed, start: Geometry, unknown: int
+) -> None:
+    step = np.zeros(start.layout.size)
+    step[unknown] = {60: 0.02, 61: 0.02 / 40}.get(unknown, 0.05 if unknown > 61 else 0.001)
 
     def residual(geometry: Geometry) -> Floats:
         return np.asarray(64 * fixed.look(geometry).squares.sum(axis=1))
 
-    slope = (residual(START.moved(step)) - residual(START.moved(-step))) / (2 * step[unknown])
-    wanted = fixed.look(START).pulls[:, unknown]
+    slope = (residual(start.moved(step)) - residual(start.moved(-step))) / (2 * step[unknown])
+    wanted = fixed.look(start).pulls[:, unknown]
     np.testing.assert_allclose(-slope / 2, wanted, rtol=0.02, atol=0.02 * np.abs(wanted).max())
 
 
@@ -48,6 +57,16 @@ def test_the_conditional_curvature_is_that_of_a_map_that_stays(fixed: Observed) 
     after, before = (fixed.look(START.moved(off * axis)).pull[60] for off in (0.05, -0.05))
     # Gauss and Newton: the residual's own part of the curvature is left out.
     assert (before - after) / 0.1 == pytest.approx(look.conditional[60], rel=0.2)
+
+
+def test_all_shifts_together_are_the_axis(fixed: Observed) -> None:
+    look, parts = fixed.look(JITTERED), JITTERED.layout
+    np.testing.assert_allclose(look.pulls[:, parts.shifts].sum(axis=1), look.pulls[:, parts.axis])
+    assert look.conditional[parts.shifts].sum() == pytest.approx(look.conditional[parts.axis])
+    # The angle and the shift of a projection are two directions, not one.
+    both = look.conditional[parts.angles] * look.conditional[parts.shifts]
+    assert (look.mixed**2 < both).all()
+    assert (look.mixed**2).max() > 1e-3 * both.max()
 
 
 def disc_rows(rng: np.random.Generator) -> Pixels:
@@ -65,31 +84,24 @@ def disc_rows(rng: np.random.Generator) -> Pixels:
 def test_the_prior_grows_where_blocks_are_seen_through_noise(walk: Known) -> None:
     theta = np.arange(90) * np.pi / 45
     blocks = Observed(disc_rows(np.random.default_rng(3)), np.arange(4), 1, 8.0)
-    few = observed(walk.scan, np.arange(4), 1, 8.0, 1.5)
+    few = observed(walk.scan, np.arange(4), np.arange(4), UNBINNED)
     fine = strongest(few, walk.true, STRENGTHS)
     assert strongest(blocks, Geometry(theta, 31.5), STRENGTHS) > 2 * fine
 
 
 def test_an_object_that_goes_on_beyond_the_detector_gets_a_wider_map(walk: Known) -> None:
-    whole = observed(walk.scan, np.arange(4), 1, 8.0, 1.5)
+    whole = observed(walk.scan, np.arange(4), np.arange(4), UNBINNED)
     assert whole.extent == 1.0
     cut = replace(walk.scan, source=type(walk.scan.source)(walk.scan.source.values[..., 16:48]))
-    assert observed(cut, np.arange(4), 1, 8.0, 1.5).extent == 1.5
+    assert observed(cut, np.arange(4), np.arange(4), UNBINNED).extent == 1.5
 
 
 def test_what_shows_nothing_is_not_truncated() -> None:
     assert not truncated(np.zeros((2, 30, 40), np.float32))
 
 
-@pytest.mark.parametrize(("available", "count"), [(5, 12), (12, 12), (100, 12), (13, 12)])
-def test_rows_are_spread_from_the_first_to_the_last(available: int, count: int) -> None:
-    some = spread(available, count)
-    assert len(some) == min(available, count)
-    assert (some[0], some[-1]) == (0, available - 1)
-
-
 def test_rows_that_are_few_are_a_part_of_those_that_are_many(walk: Known) -> None:
-    whole = observed(walk.scan, np.arange(12), 2, 8.0, 1.5)
+    whole = observed(walk.scan, np.arange(12), np.arange(12), replace(UNBINNED, binning=2))
     part = whole.part(5)
     assert len(part.rows) == 5
     assert np.array_equal(part.sinograms[1], whole.sinograms[part.rows[1]])

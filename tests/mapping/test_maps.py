@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tomoslam_stage.mapping.maps import contrast, denoised, mapped, seen, shifted
+from tomoslam_stage.mapping.maps import contrast, denoised, mapped, seen
 from tomoslam_stage.radon import Radon
 
 if TYPE_CHECKING:
@@ -58,14 +58,6 @@ def test_an_empty_slice_has_no_contrast() -> None:
     slices = np.zeros((2, 4, 4), np.float32)
     slices[1, 0] = [1, 3, 1, 3]
     np.testing.assert_allclose(contrast(slices), [0, 1])
-
-
-def test_rows_are_shifted_each_by_its_own_amount(blobs: Blobs) -> None:
-    theta = np.linspace(0, 3, 7)
-    by = np.array([0.0, 0.3, -1.7])
-    wanted = [blobs.sinograms(theta, 31 + b, 64)[k] for k, b in enumerate(by)]
-    found = shifted(blobs.sinograms(theta, 31.0, 64), by)
-    np.testing.assert_allclose(found, wanted, atol=2e-3)
 
 
 def test_what_is_seen_is_what_the_window_of_hann_lets_through() -> None:

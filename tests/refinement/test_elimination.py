@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tomoslam_stage.products import Floats, Geometry, Tracks
+from tomoslam_stage.products import STILL, UNKNOWNS, Floats, Geometry, Tracks, Unknown
 from tomoslam_stage.refinement import elimination
 from tomoslam_stage.refinement.elimination import eliminated
 from tomoslam_stage.refinement.sightings import SLIGHT, Sightings
@@ -14,8 +15,8 @@ Sighted = Callable[..., tuple[Tracks, Floats, Geometry]]
 
 
 def numeric_jacobian(sightings: Sightings, geometry: Geometry, position: Floats) -> Floats:
-    """(s, n + 2 + 2 f) of the expected columns, by central differences."""
-    n, size = len(geometry.theta) + 2, len(geometry.theta) + 2 + position.size
+    """(s, k + 2 f) of the expected columns, by central differences."""
+    n, size = geometry.layout.size, geometry.layout.size + position.size
     step = 1e-5
 
     def residuals(change: Floats) -> Floats:
@@ -35,13 +36,18 @@ def multiplied(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.usefixtures("multiplied")
-def test_the_quadratic_is_the_schur_complement(sighted: Sighted) -> None:
+@pytest.mark.parametrize("unknowns", [STILL, UNKNOWNS])
+def test_the_quadratic_is_the_schur_complement(
+    sighted: Sighted, unknowns: tuple[Unknown, ...]
+) -> None:
     tracks, position, geometry = sighted(projections=24, features=9, noise=0.3)
+    shift = np.random.default_rng(3).normal(0, 0.5, 24)
+    geometry = replace(geometry, shift=shift, unknowns=unknowns)
     sightings = Sightings.of(tracks, geometry.theta)
     weights = np.random.default_rng(1).uniform(0.5, 20, tracks.n_sightings)
     step = eliminated(sightings, geometry, position, weights)
 
-    n = len(geometry.theta) + 2
+    n = geometry.layout.size
     jacobian = numeric_jacobian(sightings, geometry, position)
     full = jacobian.T @ (weights[:, None] * jacobian)
     right = jacobian.T @ (weights * sightings.residuals(geometry, position))

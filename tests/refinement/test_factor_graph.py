@@ -172,7 +172,10 @@ def test_factors_take_their_parameters_by_name() -> None:
             {"prior": {}, "encodr": {}},
             r"refinement\.factors: no factor 'encodr'\. Did you mean 'enco",
         ),
-        ({"prior": {}, "encoder": {}, 7: {}}, r"no factor 7\. Known: cv, encoder, prior\."),
+        (
+            {"prior": {}, "encoder": {}, 7: {}},
+            r"no factor 7\. Known: closure, cv, encoder, prior\.",
+        ),
         (
             {"prior": {"sigma": 1}, "encoder": {}},
             r"refinement\.factors\.prior: no parameter 'sigma'",

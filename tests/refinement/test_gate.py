@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomoslam_stage.products import AngleMeasurements, Evidence, Tracks
+from tomoslam_stage.products import AngleMeasurements, Evidence, Rigidity, Tracks
 from tomoslam_stage.refinement import Halves, nothing_measured, weigh
 from tomoslam_stage.refinement.gate import Gate, gain_sigma
 
@@ -96,6 +96,61 @@ def test_both_reasons_are_told_when_nothing_speaks_for_the_refined_angles() -> N
 )
 def test_the_limits_are_where_they_are_said_to_be(change: dict[str, float], status: str) -> None:
     assert Gate().judge(replace(GOOD, **change)).status == status
+
+
+RIGID = Rigidity(
+    features=900,
+    moved_px=0.02,
+    moved_significance=9.0,
+    cone_px=-0.1,
+    cone_significance=-7.0,
+)
+
+
+def test_features_that_keep_their_rows_say_nothing_against() -> None:
+    assert Gate().judge(replace(GOOD, rigidity=RIGID)) == Gate().judge(GOOD)
+
+
+def test_recorded_angles_are_kept_when_rows_of_features_move() -> None:
+    rigidity = replace(RIGID, moved_px=0.153, moved_significance=11.3)
+    verdict = Gate().judge(replace(GOOD, rigidity=rigidity))
+    assert verdict.status == "kept"
+    assert verdict.reason == (
+        "rows of features move by 0.15 px rms as the scan goes on (11.3 standard errors), 0.04 px "
+        "at most are allowed: the sample moves by itself or changes its size"
+    )
+
+
+def test_recorded_angles_are_kept_when_rows_of_features_move_apart_with_depth() -> None:
+    rigidity = replace(RIGID, cone_px=-1.24, cone_significance=-8.1)
+    verdict = Gate().judge(replace(GOOD, rigidity=rigidity))
+    assert verdict.status == "kept"
+    assert verdict.reason == (
+        "rows of features at top and bottom move apart with depth by 1.2 px (8.1 standard errors), "
+        "0.25 px at most are allowed: the beam is not parallel"
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        ({"moved_px": 0.04}, "accepted"),
+        ({"moved_px": 0.041}, "kept"),
+        ({"moved_px": 0.041, "moved_significance": 3.9}, "accepted"),
+        ({"moved_px": 0.041, "pixel": 2}, "accepted"),
+        ({"moved_px": 0.081, "pixel": 2}, "kept"),
+        ({"cone_px": 0.25}, "accepted"),
+        ({"cone_px": 0.26}, "kept"),
+        ({"cone_px": -0.26, "cone_significance": -3.9}, "accepted"),
+        ({"cone_px": -0.26, "pixel": 2}, "accepted"),
+        ({"cone_px": 0.51, "pixel": 2}, "kept"),
+    ],
+)
+def test_the_limits_of_rows_are_those_of_the_scan_as_it_is_refined(
+    change: dict[str, float], status: str
+) -> None:
+    rigidity = replace(RIGID, **change)
+    assert Gate().judge(replace(GOOD, rigidity=rigidity)).status == status
 
 
 def test_a_residual_that_rises_is_no_fall_however_many_parts_fall_a_little() -> None:

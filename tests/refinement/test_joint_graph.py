@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tomoslam_stage.products import AngleMeasurements, Floats, Geometry, Quadratic
+from tomoslam_stage.products import (
+    STILL,
+    UNKNOWNS,
+    AngleMeasurements,
+    Floats,
+    Geometry,
+    Layout,
+    Quadratic,
+    Unknown,
+)
 from tomoslam_stage.refinement import FactorGraph
 from tomoslam_stage.refinement.factors import Cv, Encoder, Prior
 from tomoslam_stage.refinement.graph import linear_graph
@@ -87,6 +97,45 @@ def test_joint_graph_solves_the_normal_equations(
     np.testing.assert_allclose(covariance_of(joint), covariance, atol=1e-9 * covariance.max())
 
 
+def test_shifts_are_held_by_how_much_the_sample_jitters(
+    graph: FactorGraph, recorded: Geometry, here: Geometry
+) -> None:
+    shift = np.random.default_rng(8).normal(0, 0.5, N)
+    recorded = replace(recorded, unknowns=UNKNOWNS)
+    here = replace(here, unknowns=UNKNOWNS, shift=shift)
+    rng = np.random.default_rng(9)
+    rows = rng.normal(0, 30, (3 * N, 2 * N + 2))
+    said = Quadratic(rows.T @ rows, rows.T @ rng.normal(0, 1, 3 * N))
+    still = Quadratic(np.zeros((N + 2, N + 2)), np.zeros(N + 2))
+    parts = replace(recorded, unknowns=STILL), replace(here, unknowns=STILL)
+    information, pull = np.diag(np.full(2 * N + 2, 0.7**-2)), np.zeros(2 * N + 2)
+    information[: N + 2, : N + 2], pull[: N + 2] = expected(*parts, [still])
+    pull[N + 2 :] = -shift / 0.7**2
+    heard = without_common_angle(said, here.layout)
+    information, pull = information + heard.information, pull + heard.pull
+    joint = replace(graph, shift_px=0.7).joint(recorded, NONE, here, [said])
+    np.testing.assert_allclose(change_of(joint), np.linalg.solve(information, pull), rtol=1e-6)
+    covariance = np.linalg.inv(information)
+    np.testing.assert_allclose(covariance_of(joint), covariance, atol=1e-9 * covariance.max())
+
+
+@pytest.mark.parametrize("unknowns", [("theta",), ("theta", "axis"), ("theta", "roll", "shift")])
+def test_what_is_held_does_not_change_and_what_is_free_is_solved_without_it(
+    graph: FactorGraph, recorded: Geometry, here: Geometry, unknowns: tuple[Unknown, ...]
+) -> None:
+    recorded, here = (replace(g, unknowns=unknowns) for g in (recorded, here))
+    size = here.layout.size
+    rows = np.random.default_rng(9).normal(0, 30, (3 * N, size))
+    joint = graph.joint(recorded, NONE, here, [Quadratic(rows.T @ rows, rows[0])])
+    change, covariance = change_of(joint), covariance_of(joint)
+    held = np.setdiff1d(np.arange(size), here.layout.free(slice(0, size)))
+    assert len(held) == len({"axis", "roll"} - set(unknowns))
+    assert not change[held].any()
+    assert not covariance[held].any()
+    assert (np.delete(np.diag(covariance), held) > 0).all()
+    assert (np.delete(change, held) != 0).all()
+
+
 def test_without_sources_the_graph_leads_back_to_what_was_recorded(
     graph: FactorGraph, recorded: Geometry, here: Geometry
 ) -> None:
@@ -107,7 +156,7 @@ def test_steps_weigh_what_their_robust_noise_model_gives_them_here(recorded: Geo
 
 
 def test_what_a_source_says_about_a_turn_of_all_angles_is_not_heard() -> None:
-    heard = without_common_angle(quadratic(3))
+    heard = without_common_angle(quadratic(3), Layout(N))
     together = np.append(np.ones(N), [0, 0])
     size = np.abs(heard.information).max()
     np.testing.assert_allclose(heard.information @ together, 0, atol=1e-9 * size)
@@ -116,7 +165,7 @@ def test_what_a_source_says_about_a_turn_of_all_angles_is_not_heard() -> None:
 
 def test_what_a_source_says_about_all_else_is_heard_in_full() -> None:
     said = quadratic(4)
-    heard = without_common_angle(said)
+    heard = without_common_angle(said, Layout(N))
     change = np.random.default_rng(5).normal(0, 1, N + 2)
     change[:N] -= change[:N].mean()
     assert heard.pull @ change == pytest.approx(said.pull @ change)

@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.geometry import rms_difference
-from tomoslam_stage.products import Floats, Geometry, Quadratic, Tracks
+from tomoslam_stage.products import (
+    STILL,
+    UNKNOWNS,
+    AngleMeasurements,
+    Floats,
+    Geometry,
+    Quadratic,
+    Tracks,
+    Unknown,
+)
+from tomoslam_stage.refinement import FactorGraph, solver_with
+from tomoslam_stage.refinement.factors import Encoder, Prior
 from tomoslam_stage.refinement.landmarks import Landmarks
 from tomoslam_stage.refinement.sightings import Sightings
 
@@ -56,6 +67,31 @@ def test_angles_axis_and_roll_are_found_to_the_noise(sighted: Sighted, span: flo
     assert found.scale == pytest.approx(NOISE_PX, rel=0.15)
     turned = turned_by(found.features.position, found.geometry.theta - truth.theta)
     assert np.median(np.abs(turned - position)) < NOISE_PX
+
+
+def test_shifts_of_projections_are_found_along_with_the_angles(sighted: Sighted) -> None:
+    tracks, _, truth = sighted(noise=NOISE_PX)
+    theta = truth.theta
+    shift = np.random.default_rng(7).normal(0, 0.5, len(theta))
+    tracks = replace(tracks, column=tracks.column + shift[tracks.projection])
+    recorded = recorded_of(truth)
+    start = replace(truth, theta=recorded)
+    graph = FactorGraph(factors={"prior": Prior(), "encoder": Encoder()})
+
+    def found(unknowns: tuple[Unknown, ...]) -> Geometry:
+        begin = replace(start, unknowns=unknowns)
+        solve = solver_with(graph, begin, AngleMeasurements.none())
+        return Landmarks().adjust(tracks, begin, solve).geometry
+
+    free, fixed = found(UNKNOWNS), found(STILL)
+    after, worse = (rms_difference(g.theta, theta) for g in (free, fixed))
+    assert after < np.deg2rad(0.04) < worse
+    assert not fixed.shift.any()
+    # One of all is the axis; once round with the turn is a place of the whole sample.
+    gauge = np.stack([np.ones_like(theta), np.cos(theta), np.sin(theta)], axis=1)
+    off = free.shift - shift
+    off -= gauge @ np.linalg.lstsq(gauge, off, rcond=None)[0]
+    assert np.std(off) < 0.1
 
 
 def turned_by(position: Floats, difference: Floats) -> Floats:

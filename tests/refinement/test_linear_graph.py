@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.geometry import rms
-from tomoslam_stage.products import AngleMeasurements
-from tomoslam_stage.refinement.factors import FACTORS, Block, Cv, Encoder, Prior
+from tomoslam_stage.products import AngleMeasurements, Closures
+from tomoslam_stage.refinement.factors import FACTORS, Block, Closure, Cv, Encoder, Prior
 from tomoslam_stage.refinement.graph import linear_graph, marginal_sigma, solve_once
 
 N = 14
@@ -27,9 +27,15 @@ def random_problem(seed: int) -> tuple[dict[str, Block], dict[str, np.ndarray], 
         covariance=root @ root.transpose(0, 2, 1) + 1e-6 * np.eye(2),
         tracks=np.full(9, 30),
         inliers=np.full(9, 20),
+        closures=Closures(
+            projections=np.array([rng.choice(N, 3, replace=False) for _ in range(6)]),
+            share=rng.uniform(0, 0.5, 6),
+            turn=rng.normal(0, 1, 6),
+            sigma=rng.uniform(0.01, 0.1, 6),
+        ),
     )
     recorded = theta + rng.normal(0, 0.01, N)
-    factors = Prior(sigma_deg=0.3), Encoder(sigma_deg=0.5), Cv(floor_deg=0.02)
+    factors = Prior(sigma_deg=0.3), Encoder(sigma_deg=0.5), Cv(floor_deg=0.02), Closure()
     blocks = dict(zip(FACTORS, (f.block(recorded, found) for f in factors), strict=True))
     weights = {name: rng.uniform(0.2, 1, len(block.measured)) for name, block in blocks.items()}
     return blocks, weights, recorded + rng.normal(0, 0.05, N)
@@ -41,11 +47,19 @@ def dense(
     """A (d, n) and b (d,) of ``|| A delta - b ||^2``, factor by factor."""
     rows, right = [], []
     for name, block in blocks.items():
-        for keys, goal, whitening, weight in zip(
-            block.projections, block.measured, block.whitening, weights[name], strict=True
+        jacobians = np.broadcast_to(
+            block.jacobian, (len(block.measured), *block.jacobian.shape[-2:])
+        )
+        for keys, jacobian, goal, whitening, weight in zip(
+            block.projections,
+            jacobians,
+            block.measured,
+            block.whitening,
+            weights[name],
+            strict=True,
         ):
             full = np.zeros((len(goal), len(theta)))
-            full[:, keys] = block.jacobian
+            full[:, keys] = jacobian
             rows.append(np.sqrt(weight) * whitening @ full)
             right.append(np.sqrt(weight) * whitening @ (goal - full @ theta))
     return np.concatenate(rows), np.concatenate(right)

@@ -1,5 +1,6 @@
-"""Tracks -> AngleMeasurements: the steps between projections as their features show them."""
+"""AngleMeasurements: steps as features show them, and loop closures as projections show them."""
 
+from tomoslam_stage.angles.closing import LoopClosure
 from tomoslam_stage.angles.triplets import Triplets
 
-__all__ = ["Triplets"]
+__all__ = ["LoopClosure", "Triplets"]

@@ -8,24 +8,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tomoslam_stage.geometry import TURN
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from tomoslam_stage.mapping.looking import Look
-    from tomoslam_stage.products import Floats, Geometry, Integers
+    from tomoslam_stage.products import Floats, Geometry, Integers, Layout
 
 AMPLITUDE = np.deg2rad(0.1)
 """Radians by which angles are moved to see how the pull answers."""
 AXIS_STEP = 0.3
-"""Px by which the axis is moved."""
+"""Px by which the axis is moved, and the shifts of projections."""
 TEETH = 10
 """Places of a comb, 18 degrees apart: so far the answer to each alone is felt."""
 PROBES = 40
 """Most combs; of more angles, neighbours are moved together."""
 MODES = 3
 """Waves of the half turn that are looked at one by one."""
-DAMPING = 0.02
-"""Least share of its curvature that a secant leaves a direction (Powell)."""
+NOTHING = 0.01
+"""Share of an answer that is not worth mixing in."""
+LOWEST, HIGHEST = 0.02, 2.0
+"""What a secant may teach about any direction, in units of the conditional curvature: a map that
+follows lowers it, and nothing raises it."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,7 @@ class Place:
     geometry: Geometry
     look: Look
     curvature: Floats
-    """(n + 2, n + 2) squared line integrals."""
+    """(k, k) squared line integrals."""
 
 
 def probed(look: Callable[[Geometry], Look], geometry: Geometry, floor: float) -> Place | None:
@@ -45,75 +50,105 @@ def probed(look: Callable[[Geometry], Look], geometry: Geometry, floor: float) -
     curvature, are raised to it: smooth changes of the angles are followed by the map, and there
     noise would decide the sign. None where the map is empty, so that nothing answers.
     """
-    start = look(geometry)
-    if start.conditional[:-1].min() <= 0:
+    start, layout = look(geometry), geometry.layout
+    if np.delete(start.conditional, layout.roll).min() <= 0:
         return None
-    n = len(geometry.theta)
 
     def answer(change: Floats) -> Floats:
         return np.asarray(start.pulls - look(geometry.moved(change)).pulls)
 
-    curvature = np.zeros((n + 2, n + 2))
-    curvature[:n, :n] = _by_angles(answer, geometry.theta, start.conditional[:n])
-    by_row = answer(AXIS_STEP * np.eye(n + 2)[n]) / AXIS_STEP
+    curvature = _by_projections(answer, geometry, start)
+    by_row = answer(AXIS_STEP * np.eye(layout.size)[layout.axis]) / AXIS_STEP
     # A roll moves the axis of each row by its height, and each row has a map of its own.
-    curvature[n:] = by_row.sum(axis=0), start.heights @ by_row
-    curvature[:n, n:] = curvature[n:, :n].T
-    curvature[n, n + 1] = curvature[n + 1, n]
-    curvature = raised(curvature, start.conditional, floor)
-    for wave in _waves(geometry.theta):
-        curvature = secant(curvature, wave, answer(wave).sum(axis=0))
+    curvature[layout.line] = by_row.sum(axis=0), start.heights @ by_row
+    for entries in layout.own:
+        curvature[entries, layout.line] = curvature[layout.line, entries].T
+    curvature[layout.axis, layout.roll] = curvature[layout.roll, layout.axis]
+    curvature = raised(curvature, start.conditional, floor, layout)
+    for wave in _waves(geometry):
+        curvature = secant(curvature, wave, answer(wave).sum(axis=0), start.conditional)
     return Place(geometry, start, curvature)
 
 
-def looks_needed(n: int) -> int:
-    """Count the looks that `probed` takes for `n` angles."""
-    return 2 + sum(1 for _ in _combs(n)) + 2 * MODES
+def looks_needed(layout: Layout) -> int:
+    """Count the looks that `probed` takes."""
+    return 2 + len(layout.own) * sum(1 for _ in _combs(layout.n)) + 2 * MODES
 
 
-def raised(curvature: Floats, conditional: Floats, floor: float) -> Floats:
-    """`curvature`, no eigenvalue of it below `floor`, in units of `conditional` (n + 2,)."""
-    scale = np.sqrt(np.maximum(conditional, 1e-3 * conditional[:-2].mean()))
+def raised(curvature: Floats, conditional: Floats, floor: float, layout: Layout) -> Floats:
+    """`curvature`, no eigenvalue of it below `floor`, in units of `conditional` (k,)."""
+    least = np.full(layout.size, 1e-3 * conditional[layout.angles].mean())
+    for entries in layout.own:
+        least[entries] = 1e-3 * conditional[entries].mean()
+    scale = np.sqrt(np.maximum(conditional, least))
     values, vectors = np.linalg.eigh(curvature / np.outer(scale, scale))
     return np.asarray((vectors * np.maximum(values, floor)) @ vectors.T * np.outer(scale, scale))
 
 
-def secant(curvature: Floats, change: Floats, answer: Floats) -> Floats:
+def secant(curvature: Floats, change: Floats, answer: Floats, conditional: Floats) -> Floats:
     """`curvature` such that ``curvature @ change`` is `answer`: the update of BFGS.
 
-    Damped where the answer hardly rises (Nocedal and Wright, Numerical Optimization, 18.14); no
-    change at all teaches nothing.
+    Damped where the answer is out of bounds, in units of `conditional` (k,): mixed with what
+    was known (Nocedal and Wright, Numerical Optimization, 18.14). No change teaches nothing.
     """
     known = curvature @ change
     least, found = change @ known, change @ answer
     if least <= 0:
         return curvature
-    if found <= DAMPING * least:
-        share = (1 - DAMPING) * least / (least - found)
-        answer = share * answer + (1 - share) * known
-        found = change @ answer
-    update = np.outer(answer, answer) / found - np.outer(known, known) / least
+    lowest = min(LOWEST * (change**2 @ conditional), least / 2)
+    share = (least - lowest) / (least - found) if found < lowest else 1.0
+    mixed = share * answer + (1 - share) * known
+    while mixed**2 @ (1 / conditional) > HIGHEST * (change @ mixed):
+        share /= 2
+        if share < NOTHING:
+            return curvature
+        mixed = share * answer + (1 - share) * known
+    update = np.outer(mixed, mixed) / (change @ mixed) - np.outer(known, known) / least
     return np.asarray(curvature + update)
 
 
-def _by_angles(answer: Callable[[Floats], Floats], theta: Floats, conditional: Floats) -> Floats:
-    """(n, n) curvature of the angles, from combs of them that are moved together.
+def _by_projections(answer: Callable[[Floats], Floats], geometry: Geometry, start: Look) -> Floats:
+    """(k, k) curvature of angles and, where unknown, shifts, from combs that are moved together.
 
     Of neighbours that one tooth moves, each has its own conditional curvature; what the map takes
-    from it, which is smooth, they share.
+    from it, which is smooth but for the side that shifts are seen from, they share.
     """
-    n = len(theta)
+    layout, theta = geometry.layout, geometry.theta
     order = np.argsort(np.mod(theta, np.pi), kind="stable")
-    curvature = np.diag(conditional)
-    for comb in _combs(n):
-        moved = order[np.concatenate(comb)]
-        change = np.zeros(n + 2)
-        change[moved] = AMPLITUDE
-        taken = answer(change).sum(axis=0)[:n] / AMPLITUDE
-        taken[moved] -= conditional[moved]
-        for tooth, near in zip(comb, _nearest(comb, n), strict=True):
-            curvature[np.ix_(order[near], order[tooth])] += taken[order[near], None] / len(tooth)
+    known = _conditional(start, layout)
+    side = _sides(theta, layout)
+    curvature = known.copy()
+    for entries, step in zip(layout.own, (AMPLITUDE, AXIS_STEP), strict=False):
+        for comb in _combs(layout.n):
+            moved = entries.start + order[np.concatenate(comb)]
+            change = np.zeros(layout.size)
+            change[moved] = step * side[moved]
+            taken = answer(change).sum(axis=0) / step - known[:, moved] @ side[moved]
+            for tooth, near in zip(comb, _nearest(comb, layout.n), strict=True):
+                of_tooth = entries.start + order[tooth]
+                places = np.concatenate([others.start + order[near] for others in layout.own])
+                share = taken[places, None] * side[of_tooth] / len(tooth)
+                curvature[np.ix_(places, of_tooth)] += share
     return (curvature + curvature.T) / 2
+
+
+def _conditional(look: Look, layout: Layout) -> Floats:
+    """(k, k) curvature of angles and shifts, were the map to stay as it is."""
+    curvature = np.zeros((layout.size, layout.size))
+    for entries in layout.own:
+        np.fill_diagonal(curvature[entries, entries], look.conditional[entries])
+        for others in layout.own:
+            if others != entries:
+                np.fill_diagonal(curvature[entries, others], look.mixed)
+    return curvature
+
+
+def _sides(theta: Floats, layout: Layout) -> Floats:
+    """(k,) signs: in the mirror, half a turn on, a shift goes the other way; an angle does not."""
+    side = np.ones(layout.size)
+    for shifts in layout.own[1:]:
+        side[shifts] = np.where(np.mod(theta, TURN) < np.pi, 1.0, -1.0)
+    return side
 
 
 def _combs(n: int) -> Iterator[list[Integers]]:
@@ -136,8 +171,10 @@ def _nearest(comb: list[Integers], n: int) -> list[Integers]:
     return [np.flatnonzero(nearest == tooth) for tooth in range(len(comb))]
 
 
-def _waves(theta: Floats) -> Iterator[Floats]:
-    """(n + 2,) changes of the angles that are smooth over the half turn."""
+def _waves(geometry: Geometry) -> Iterator[Floats]:
+    """(k,) changes of the angles that are smooth over the half turn."""
     for k in range(1, MODES + 1):
         for function in (np.cos, np.sin):
-            yield np.append(AMPLITUDE * function(2 * k * theta), [0.0, 0.0])
+            change = np.zeros(geometry.layout.size)
+            change[geometry.layout.angles] = AMPLITUDE * function(2 * k * geometry.theta)
+            yield change

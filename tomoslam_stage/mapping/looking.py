@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
-from tomoslam_stage.geometry import around
-from tomoslam_stage.images import highpass
-from tomoslam_stage.mapping.maps import mapped, seen, shifted
+from tomoslam_stage.geometry import around, spread
+from tomoslam_stage.images import highpass, shifted
+from tomoslam_stage.mapping.edges import edge_squares
+from tomoslam_stage.mapping.maps import mapped, seen
 from tomoslam_stage.parallel import BLOCK, parallel
 from tomoslam_stage.radon import Radon
 from tomoslam_stage.reprojection import binned
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from tomoslam_stage.products import Floats, Geometry, Integers, Pixels, Scan
 
@@ -32,33 +33,51 @@ class Answer(NamedTuple):
 
     by_angle: Floats
     """(r, n) residual times derivative by the angle."""
-    by_axis: Floats
-    """(r,) residual times derivative by the axis, also summed over the projections."""
+    by_shift: Floats
+    """(r, n) residual times derivative by the shift; of all of them together, by the axis."""
     angle_squares: Floats
     """(r, n) derivative by the angle, squared."""
-    axis_squares: Floats
-    """(r,) derivative by the axis, squared."""
+    shift_squares: Floats
+    """(r, n) derivative by the shift, squared."""
+    products: Floats
+    """(r, n) derivative by the angle times derivative by the shift."""
     squares: Floats
     """(r, n) mean squared residual."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What rows say at one geometry, in squared line integrals; angles, then axis and roll."""
+    """What rows say at one geometry, in squared line integrals; entries as in `Layout`."""
 
     pulls: Floats
-    """(r, n + 2) half the slope at which the squared residual of each row falls."""
+    """(r, k) half the slope at which the squared residual of each row falls."""
     conditional: Floats
-    """(n + 2,) curvature that goes with it, were the map to stay as it is."""
+    """(k,) curvature that goes with it, were the map to stay as it is."""
     squares: Floats
     """(r, n) mean squared residual."""
     heights: Floats
     """(r,) px that each row lies below the one where the axis is at its column."""
+    mixed: Floats
+    """(n,) curvature by the angle and the shift of a projection, were the map to stay."""
 
     @property
     def pull(self) -> Floats:
-        """(n + 2,) that of all rows."""
+        """(k,) that of all rows."""
         return np.asarray(self.pulls.sum(axis=0))
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How rows are read."""
+
+    binning: int
+    """Columns made one."""
+    cutoff: float
+    """Px of the scan: what is smoother along the columns does not count."""
+    wide: float
+    """Side of the map where the object reaches beyond the detector, in widths of it."""
+    edges: bool = False
+    """Whether what edges hide is looked for, too."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +96,20 @@ class Observed:
     """Side of the map, in widths of the detector."""
     strength: float = 0.0
     """Of the total variation, in standard deviations of a slice."""
+    edges: Pixels | None = None
+    """(r, n, column) squared gradient of the line integrals, px^-2 of the scan; see `edges`."""
 
     def part(self, count: int) -> Observed:
         """About `count` of the rows, evenly spread."""
         some = spread(len(self.rows), count)
-        return replace(self, sinograms=self.sinograms[some], rows=self.rows[some])
+        edges = None if self.edges is None else self.edges[some]
+        return replace(self, sinograms=self.sinograms[some], rows=self.rows[some], edges=edges)
+
+    def unhidden(self, spread: float) -> Observed:
+        """Give back what edges hide behind a point spread of twice the variance `spread`, px^2."""
+        if self.edges is None or not spread:
+            return self
+        return replace(self, sinograms=self.sinograms + np.float32(spread) * self.edges)
 
     def look(self, geometry: Geometry) -> Look:
         """Make the map of `geometry`, project it, and compare."""
@@ -92,12 +120,20 @@ class Observed:
 
         answers = Answer(*map(np.concatenate, zip(*self._of_blocks(answer), strict=True)))
         heights = np.asarray(self.rows - geometry.middle, np.float64)
+        layout, size = geometry.layout, geometry.layout.size
+        pulls, conditional = np.zeros((len(self.rows), size)), np.zeros(size)
+        pulls[:, layout.angles] = answers.by_angle
+        conditional[layout.angles] = answers.angle_squares.sum(axis=0)
+        if "shift" in layout.unknowns:
+            pulls[:, layout.shifts] = answers.by_shift / self.binning
+            conditional[layout.shifts] = answers.shift_squares.sum(axis=0) / self.binning**2
         # A row's axis lies in columns of its own.
-        axis, squares = answers.by_axis / self.binning, answers.axis_squares / self.binning**2
-        pulls = np.column_stack([answers.by_angle, axis, axis * heights])
-        ends = [squares.sum(), (squares * heights**2).sum()]
-        conditional = np.concatenate([answers.angle_squares.sum(axis=0), ends])
-        return Look(pulls, conditional, answers.squares, heights)
+        axis = answers.by_shift.sum(axis=1) / self.binning
+        squares = answers.shift_squares.sum(axis=1) / self.binning**2
+        pulls[:, layout.line] = np.column_stack([axis, axis * heights])
+        conditional[layout.line] = squares.sum(), (squares * heights**2).sum()
+        mixed = answers.products.sum(axis=0) / self.binning
+        return Look(pulls, conditional, answers.squares, heights, mixed)
 
     def left_out(self, geometry: Geometry) -> float:
         """Mean squared error of predicting every other projection from the rest."""
@@ -123,9 +159,10 @@ class Observed:
         columns = sinograms.shape[-1]
         return Answer(
             _products(left, by_angle),
-            _products(left, by_axis).sum(axis=1),
+            _products(left, by_axis),
             _products(by_angle, by_angle),
-            _products(by_axis, by_axis).sum(axis=1),
+            _products(by_axis, by_axis),
+            _products(by_angle, by_axis),
             _products(left, left) / columns,
         )
 
@@ -134,9 +171,10 @@ class Observed:
         return highpass(sinograms, self.cutoff / self.binning)
 
     def _aligned(self, geometry: Geometry, block: slice) -> Pixels:
-        """(r, n, column) the rows of `block`, as if the axis were upright."""
-        tilt = geometry.axis - geometry.axis_at(self.rows[block])
-        return shifted(self.sinograms[block], tilt / self.binning)
+        """(r, n, column) the rows of `block`, as if the axis were upright and the sample still."""
+        everyone = np.arange(len(geometry.theta) if geometry.shift.any() else 1)
+        aside = geometry.axis - geometry.origin(self.rows[block, None], everyone)
+        return shifted(self.sinograms[block], aside / self.binning)
 
     def _radon(self, geometry: Geometry) -> Radon:
         """Return the projector, in binned columns."""
@@ -150,11 +188,14 @@ class Observed:
         return parallel(work, [slice(start, start + BLOCK) for start in starts])
 
 
-def observed(scan: Scan, rows: Integers, binning: int, cutoff: float, wide: float) -> Observed:
-    """Read `rows` of `scan`; a map of what reaches beyond the detector is `wide` times as wide."""
-    sinograms = binned(scan.sinograms(rows), binning)
-    extent = wide if truncated(sinograms) else 1.0
-    return Observed(sinograms, rows, binning, cutoff, extent)
+def observed(scan: Scan, rows: Integers, usable: Integers, reading: Reading) -> Observed:
+    """Read `rows` of `scan`, and their neighbours as far as these are `usable`."""
+    sinograms = binned(scan.sinograms(rows), reading.binning)
+    edges = None
+    if reading.edges:
+        edges = binned(edge_squares(scan, rows, usable), reading.binning)
+    extent = reading.wide if truncated(sinograms) else 1.0
+    return Observed(sinograms, rows, reading.binning, reading.cutoff, extent, edges=edges)
 
 
 def truncated(sinograms: Pixels) -> bool:
@@ -165,20 +206,32 @@ def truncated(sinograms: Pixels) -> bool:
     return bool(np.median(ends) > EMPTY * np.quantile(sinograms, 0.99))
 
 
-def spread(available: int, count: int) -> Integers:
-    """Up to `count` indices of `available` things, evenly spread."""
-    return np.unique(np.linspace(0, available - 1, min(count, available)).round().astype(np.intp))
-
-
 def strongest(seen_rows: Observed, geometry: Geometry, strengths: Iterable[float]) -> float:
     """Return the largest strength within 2 % of the least error on projections left out."""
-    errors: dict[float, float] = {}
-    for strength in strengths:
-        errors[strength] = replace(seen_rows, strength=strength).left_out(geometry)
-        if errors[strength] > 1.08 * min(errors.values()):
-            break
+    errors = left_out_errors(
+        geometry, {strength: replace(seen_rows, strength=strength) for strength in strengths}, 1.08
+    )
     least = min(errors.values())
     return max(strength for strength, error in errors.items() if error <= 1.02 * least)
+
+
+def likeliest(seen_rows: Observed, geometry: Geometry, spreads: Iterable[float]) -> float:
+    """Return the point spread, px^2, of the least error on projections left out."""
+    tried = {spread: seen_rows.unhidden(spread) for spread in spreads}
+    errors = left_out_errors(geometry, tried, 1.0)
+    return min(errors, key=lambda spread: errors[spread])
+
+
+def left_out_errors(
+    geometry: Geometry, tried: Mapping[float, Observed], rise: float
+) -> dict[float, float]:
+    """By name: the error on projections left out, until it is `rise` times the least so far."""
+    errors: dict[float, float] = {}
+    for name, one in tried.items():
+        errors[name] = one.left_out(geometry)
+        if errors[name] > rise * min(errors.values()):
+            break
+    return errors
 
 
 def _products(first: Pixels, second: Pixels) -> Floats:

@@ -10,12 +10,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.fft import irfft, rfft
-
-from tomoslam_stage.images import tapered
 
 if TYPE_CHECKING:
-    from tomoslam_stage.products import Floats, Pixels
+    from tomoslam_stage.products import Pixels
     from tomoslam_stage.radon import Radon
 
 DUAL_STEPS = 15
@@ -45,18 +42,6 @@ def seen(sinograms: Pixels) -> Pixels:
     """`sinograms` (r, n, column) through the window of Hann, whose kernel has three columns."""
     wide = np.pad(sinograms, ((0, 0), (0, 0), (1, 1)), mode="edge")
     return np.asarray(sinograms / 2 + (wide[..., :-2] + wide[..., 2:]) / 4, np.float32)
-
-
-def shifted(sinograms: Pixels, by: Floats) -> Pixels:
-    """`sinograms` (r, n, column), each row moved to the right by its own of `by` (r,) px."""
-    if not by.any():
-        return sinograms
-    columns = sinograms.shape[-1]
-    before, length = columns // 2, 2 * columns
-    phase = np.exp(-2j * np.pi * np.outer(by, np.fft.rfftfreq(length))).astype(np.complex64)
-    spectrum = rfft(tapered(sinograms, before, length), axis=-1) * phase[:, None]
-    moved = irfft(spectrum, length, axis=-1)[..., before : before + columns]
-    return np.asarray(moved, np.float32)
 
 
 def denoised(slices: Pixels, weights: Pixels) -> Pixels:

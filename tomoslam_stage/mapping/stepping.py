@@ -10,12 +10,14 @@ import numpy as np
 from tomoslam_stage.mapping.curvature import Place, secant
 from tomoslam_stage.mapping.looking import Look
 from tomoslam_stage.mapping.weighing import doubts, formal_sigma, noise, whitener
-from tomoslam_stage.products import Floats, Geometry, Quadratic, Solve
+from tomoslam_stage.products import Floats, Geometry, Layout, Quadratic, Solve
 
 LONGEST = np.deg2rad(1.0)
 """Radians that an angle may change in one step."""
 NEGLIGIBLE = np.deg2rad(0.005)
 """Radians: a step this short is taken whatever it does to the residual."""
+NEGLIGIBLE_PX = 0.02
+"""Px: the same of the shift of a projection."""
 RISE = 1.002
 """How far the residual may rise in a step, as a factor."""
 UNWEIGHED = 3
@@ -29,7 +31,7 @@ class Weighed:
     """What a place says, in standard deviations."""
 
     whitener: Floats
-    """(n + 2, n + 2) makes information of curvature."""
+    """(k, k) makes information of curvature."""
     quadratic: Quadratic
     """Information and pull."""
     weights: Floats
@@ -38,14 +40,15 @@ class Weighed:
 
 def weighed(place: Place, misfit: float | None) -> Weighed:
     """Weigh rows by their scatter and, unless `misfit` is None, projections by their misfit."""
-    theta, look = place.geometry.theta, place.look
-    factors = np.ones(len(theta) + 2)
+    layout, look = place.geometry.layout, place.look
+    factors = np.ones(layout.size)
     if misfit is not None:
-        factors = doubts(look.squares, theta, misfit)
+        factors = doubts(look.squares, place.geometry, misfit)
     whiten = whitener(place.curvature, noise(look, place.curvature) * factors)
     information = whiten @ place.curvature
     quadratic = Quadratic((information + information.T) / 2, whiten @ look.pull)
-    return Weighed(whiten, quadratic, factors[:-2].min() / factors[:-2])
+    of_projections = factors[layout.angles]
+    return Weighed(whiten, quadratic, of_projections.min() / of_projections)
 
 
 @dataclass(frozen=True)
@@ -67,15 +70,16 @@ class Stepping:
             change = self.solve(place.geometry, now.quadratic)
             if not np.isfinite(change).all():
                 return None
-            if step >= UNWEIGHED and settled(change, now.quadratic):
+            if step >= UNWEIGHED and settled(change, now.quadratic, place.geometry.layout):
                 break
-            place = self._moved(place, limited(change), now.weights)
+            place = self._moved(place, limited(change, place.geometry.layout), now.weights)
         return place
 
     def _seen(self, place: Place) -> Place:
         """Return the same place as these rows see it, the curvature in proportion."""
         look = self.look(place.geometry)
-        more = look.conditional[:-2].sum() / place.look.conditional[:-2].sum()
+        angles = place.geometry.layout.angles
+        more = look.conditional[angles].sum() / place.look.conditional[angles].sum()
         return replace(place, look=look, curvature=place.curvature * more)
 
     def _moved(self, place: Place, change: Floats, weights: Floats) -> Place:
@@ -84,20 +88,30 @@ class Stepping:
         while True:
             geometry = place.geometry.moved(change)
             look = self.look(geometry)
-            short = np.abs(change[:-2]).max() < NEGLIGIBLE
-            if short or (look.squares * weights).mean() < RISE * residual:
+            if (
+                negligible(change, geometry.layout)
+                or (look.squares * weights).mean() < RISE * residual
+            ):
                 break
             change = change / 3
         answer = place.look.pull - look.pull
-        return Place(geometry, look, secant(place.curvature, change, answer))
+        curvature = secant(place.curvature, change, answer, look.conditional)
+        return Place(geometry, look, curvature)
 
 
-def limited(change: Floats) -> Floats:
+def negligible(change: Floats, layout: Layout) -> bool:
+    """Whether no angle moves by `NEGLIGIBLE`, and no projection by `NEGLIGIBLE_PX`."""
+    shifts = np.abs(change[layout.shifts]).max(initial=0)
+    return bool(np.abs(change[layout.angles]).max() < NEGLIGIBLE and shifts < NEGLIGIBLE_PX)
+
+
+def limited(change: Floats, layout: Layout) -> Floats:
     """`change`, shortened so that no angle moves by more than `LONGEST`."""
-    longest = np.abs(change[:-2]).max()
+    longest = np.abs(change[layout.angles]).max()
     return change if longest <= LONGEST else change * (LONGEST / longest)
 
 
-def settled(change: Floats, quadratic: Quadratic) -> bool:
+def settled(change: Floats, quadratic: Quadratic, layout: Layout) -> bool:
     """Whether the angles change, but for their mean, by far less than they are unsure."""
-    return bool(np.std(change[:-2]) < SETTLED * formal_sigma(quadratic.information))
+    sigma = formal_sigma(quadratic.information, layout)
+    return bool(np.std(change[layout.angles]) < SETTLED * sigma)

@@ -9,19 +9,26 @@ Conventions, kept everywhere:
 * angles are radians, unwrapped; degrees exist in keys and file datasets only, whose names end
   ``_deg``, and inside `scans`;
 * ``u = X cos(theta) + Z sin(theta)`` is the column of the point (X, Z), counted from the axis,
-  in a parallel beam; a projection's detector column is ``u + axis``;
+  in a parallel beam; its detector column is ``u + axis + roll (row - middle) + shift``;
 * a slice is an array (z, x) whose middle ``(n - 1) / 2`` lies on the axis.
 """
 
 from tomoslam_stage.products.arrays import Floats, Integers, Pixels
-from tomoslam_stage.products.features import AngleMeasurements, Features, Tracks
+from tomoslam_stage.products.features import AngleMeasurements, Closures, Features, Tracks
+from tomoslam_stage.products.geometry import (
+    STILL,
+    UNKNOWNS,
+    Geometry,
+    Layout,
+    Quadratic,
+    Solve,
+    Unknown,
+)
 from tomoslam_stage.products.refinement import (
     Event,
     Evidence,
-    Geometry,
-    Quadratic,
     Refinement,
-    Solve,
+    Rigidity,
     StageNoise,
     Status,
 )
@@ -36,8 +43,11 @@ from tomoslam_stage.products.scan import (
 from tomoslam_stage.products.slices import Comparison, Reconstruction, Reconstructions, Truth
 
 __all__ = [
+    "STILL",
+    "UNKNOWNS",
     "Along",
     "AngleMeasurements",
+    "Closures",
     "Comparison",
     "Conversion",
     "Event",
@@ -46,6 +56,7 @@ __all__ = [
     "Floats",
     "Geometry",
     "Integers",
+    "Layout",
     "Pixels",
     "ProjectionSource",
     "Quadratic",
@@ -53,11 +64,13 @@ __all__ = [
     "Reconstruction",
     "Reconstructions",
     "Refinement",
+    "Rigidity",
     "Scan",
     "Solve",
     "StageNoise",
     "Status",
     "Tracks",
     "Truth",
+    "Unknown",
     "Values",
 ]

@@ -89,8 +89,36 @@ class Features:
 
 
 @dataclass(frozen=True)
+class Closures:
+    """Projections that see again, half a turn or a full turn on, what others saw."""
+
+    projections: Integers
+    """(m, 3) a projection, the one before that it resembles most, and that one's neighbour."""
+    share: Floats
+    """(m,) of the way from the second to the third at which the first lies."""
+    turn: Floats
+    """(m,) radians: whole half turns between them."""
+    sigma: Floats
+    """(m,) radians."""
+
+    def __post_init__(self) -> None:
+        m = len(self.projections)
+        shapes = (self.projections.shape, self.share.shape, self.turn.shape, self.sigma.shape)
+        if shapes != ((m, 3), (m,), (m,), (m,)):
+            raise ValueError(f"the columns of Closures have the shapes {shapes}")
+
+    def __len__(self) -> int:
+        return len(self.share)
+
+    @classmethod
+    def none(cls) -> Closures:
+        """Return no closures."""
+        return cls(np.empty((0, 3), np.intp), np.empty(0), np.empty(0), np.empty(0))
+
+
+@dataclass(frozen=True)
 class AngleMeasurements:
-    """The steps inside triplets of projections, as the tracks show them."""
+    """What is measured between single projections: steps inside triplets, and closures."""
 
     projections: Integers
     """(m, 3) the three projections of each triplet."""
@@ -104,6 +132,8 @@ class AngleMeasurements:
     """(m,) tracks that agree with the measured steps."""
     failures: Mapping[str, int] = field(default_factory=dict)
     """How many triplets gave no measurement, by reason."""
+    closures: Closures = field(default_factory=Closures.none)
+    """Where loops close."""
 
     def __post_init__(self) -> None:
         m = len(self.projections)

@@ -1,69 +1,36 @@
-"""Geometry, what is known about it, and the refined angles."""
+"""The refined angles, and what speaks for them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tomoslam_stage.products.arrays import Floats, Integers
+from tomoslam_stage.products.geometry import STILL, Unknown
 
 Status: TypeAlias = Literal["accepted", "kept"]
 
 
 @dataclass(frozen=True)
-class Geometry:
-    """Where all projections look from; at a row the axis lies at ``axis + roll (row - middle)``.
+class Rigidity:
+    """What the rows of features say about the sample and the beam; they made no angle."""
 
-    Changes of it are vectors (n + 2,): the angles, radians; the axis, px; the roll, radians.
-    """
-
-    theta: Floats
-    """(n,) radians."""
-    axis: float
-    """Detector column of the rotation axis at `middle`, px."""
-    roll: float = 0.0
-    """Tilt of the axis in the detector plane, radians."""
-    middle: float = 0.0
-    """Detector row where the axis lies at `axis`, px."""
-
-    def moved(self, change: Floats) -> Geometry:
-        """Return the geometry after a `change` (n + 2,)."""
-        axis, roll = self.axis + float(change[-2]), self.roll + float(change[-1])
-        return Geometry(self.theta + change[:-2], axis, roll, self.middle)
-
-    def since(self, start: Geometry) -> Floats:
-        """(n + 2,) the change that led here from `start`."""
-        return np.append(self.theta - start.theta, [self.axis - start.axis, self.roll - start.roll])
-
-    def axis_at(self, rows: NDArray[Any]) -> Floats:
-        """Detector column of the axis at `rows`, px."""
-        return np.asarray(self.axis + self.roll * (rows - self.middle), np.float64)
-
-
-@dataclass(frozen=True)
-class Quadratic:
-    """What one source says about all angles, the axis and the roll, near where it looked.
-
-    Up to a constant, the log likelihood of a change d (n + 2,) is
-    ``pull . d - d . information . d / 2``.
-    """
-
-    information: Floats
-    """(n + 2, n + 2) positive semidefinite."""
-    pull: Floats
-    """(n + 2,) slope at no change."""
-
-    def after(self, change: Floats) -> Quadratic:
-        """Return the same, told from where a `change` (n + 2,) leads to."""
-        return Quadratic(self.information, self.pull - self.information @ change)
-
-
-Solve: TypeAlias = Callable[[Geometry, Quadratic], Floats]
-"""(n + 2,) the change that everything known together wants, given what one source says."""
+    features: int
+    """Features that were asked."""
+    moved_px: float
+    """px of the file, rms: how far rows move as the scan goes on, that of noise taken off."""
+    moved_significance: float
+    """By how many standard errors that is more than noise."""
+    cone_px: float
+    """px of the file: how far rows move, top and bottom apart, from the axis to the greatest depth;
+    0 in a parallel beam."""
+    cone_significance: float
+    """The same in standard errors."""
+    pixel: int = 1
+    """px of the file that a px spanned in which features were found."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +51,8 @@ class Evidence:
     """How consistently the residual falls over rows and parts of the turn, in standard errors."""
     sigma_deg: float = 0.0
     """Sigma of the refined angles, rms, where it allows for all that is known; else 0."""
+    rigidity: Rigidity | None = None
+    """What the rows of features say, where there are enough of them."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +123,12 @@ class Refinement:
     ``sighting_residuals`` (s,) px of the projections they were looked for in, column seen less
     column expected; empty where no features were placed."""
 
+    unknowns: tuple[Unknown, ...] = STILL
+    """What the sources solved for, where there were any."""
+    shift: Floats | None = None
+    """(n,) px that each projection lies to the right, where `refined` stands; None where the sample
+    was taken to stand still."""
+
     def __post_init__(self) -> None:
         if not self.recorded.shape == self.refined.shape == self.sigma.shape:
             raise ValueError("recorded, refined and sigma differ in length")
@@ -172,3 +147,9 @@ class Refinement:
     def change(self) -> Floats:
         """(n,) radians: refined minus recorded."""
         return self.refined - self.recorded
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        from tomoslam_stage.products.notebook import as_html
+
+        return as_html(self)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -63,6 +64,11 @@ class Scan:
     """(n,) radians, unwrapped: the recorded angles."""
     frames: Integers
     """(n,) index of each projection in the file."""
+    theta_of_frames: Floats | None = None
+    """(m,) radians: the recorded angle of every frame in the file, NaN where it has none; None
+    where all frames are projections."""
+    left_out: Mapping[int, str] = field(default_factory=dict)
+    """Frame of the file that is no projection of the scan -> why."""
     name: str = "scan"
     """What messages call it."""
     path: Path | None = None

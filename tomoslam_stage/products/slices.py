@@ -42,6 +42,9 @@ class Truth:
     """(n,) radians."""
     axis: float | None = None
     """Detector column, px."""
+    shift: Floats | None = None
+    """(n,) px of the file that each projection lies to the right; None where the sample stood
+    still."""
 
 
 @dataclass(frozen=True)

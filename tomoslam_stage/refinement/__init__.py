@@ -15,6 +15,7 @@ from tomoslam_stage.refinement.gate import (
 )
 from tomoslam_stage.refinement.graphing import FactorGraph
 from tomoslam_stage.refinement.landmarks import Landmarks
+from tomoslam_stage.refinement.rows import rigidity
 from tomoslam_stage.refinement.solve import Solution
 from tomoslam_stage.refinement.stage_noise import lapses, stage_noise
 
@@ -34,6 +35,7 @@ __all__ = [
     "honest",
     "lapses",
     "nothing_measured",
+    "rigidity",
     "solver_with",
     "stage_noise",
     "weigh",

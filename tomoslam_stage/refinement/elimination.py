@@ -1,13 +1,13 @@
 """Bundle adjustment with the features eliminated (Schur complement).
 
-A change of the angles, the axis and the roll changes the residuals of a feature; the best change of
+A change of angles, axis, roll and shifts changes the residuals of a feature; the best change of
 the feature's own place takes back what it can. What is left speaks about the geometry alone
 (Triggs et al., Bundle adjustment: a modern synthesis, 2000, section 6.1).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from tomoslam_stage.products import Quadratic
 from tomoslam_stage.refinement.sightings import SLIGHT
 
 if TYPE_CHECKING:
-    from tomoslam_stage.products import Floats, Geometry
+    from tomoslam_stage.products import Floats, Geometry, Layout
     from tomoslam_stage.refinement.sightings import Sightings
 
 BLOCK = 2048
@@ -33,14 +33,14 @@ class Elimination:
     quadratic: Quadratic
     """On changes of the geometry."""
     mixed: Any
-    """(2 f, n + 2) sparse: how the whitened places of features depend on the geometry."""
+    """(2 f, k) sparse: how the whitened places of features depend on the geometry."""
     pull: Floats
     """(2 f,) how far the residuals pull the whitened places."""
     root: tuple[Floats, Floats, Floats]
     """(f,) each: the entries 11, 21 and 22 of the Cholesky factors of the features' information."""
 
     def moves(self, change: Floats) -> Floats:
-        """(f, 2) px: how features move along with a `change` (n + 2,) of the geometry."""
+        """(f, 2) px: how features move along with a `change` (k,) of the geometry."""
         first, second = (self.pull - self.mixed @ change).reshape(2, -1)
         r11, r21, r22 = self.root
         z = second / r22
@@ -53,23 +53,51 @@ def eliminated(
     """Eliminate the features at `position` (f, 2) px from sightings of `weights` (s,) px^-2."""
     directions, root = sightings.directions(geometry), np.sqrt(weights)
     residuals = root * sightings.residuals(geometry, position)
-    by_geometry = root[:, None] * _jacobian(sightings, geometry, position, directions)
+    by_geometry = _jacobian(sightings, geometry, position, directions).weighted(root)
     whitened, factors = _orthonormal(sightings, root[:, None] * directions)
-    mixed = _mixed(sightings, whitened, by_geometry, len(geometry.theta))
+    mixed = _mixed(sightings, whitened, by_geometry)
     pull = np.concatenate([sightings.sums(part * residuals) for part in whitened.T])
-    full = _full(sightings, by_geometry, residuals, len(geometry.theta))
+    full = _full(sightings, by_geometry, residuals)
     left = Quadratic(full.information - _gram(mixed), full.pull - mixed.T @ pull)
     return Elimination(left, mixed, pull, factors)
 
 
+@dataclass(frozen=True)
+class Derivatives:
+    """Of the columns of sightings, by the entries of a change that are not zero anyway."""
+
+    layout: Layout
+    """Of the change."""
+    values: Floats
+    """(s, o + 2) by what the projection has for itself, its angle and, where unknown, its shift;
+    then by the axis and the roll."""
+
+    @property
+    def own(self) -> Floats:
+        """(s, o) by what the projection has for itself."""
+        return self.values[:, :-2]
+
+    @property
+    def common(self) -> Floats:
+        """(s, 2) by the axis and the roll."""
+        return self.values[:, -2:]
+
+    def weighted(self, root: Floats) -> Derivatives:
+        """Return them times `root` (s,)."""
+        return replace(self, values=root[:, None] * self.values)
+
+
 def _jacobian(
     sightings: Sightings, geometry: Geometry, position: Floats, directions: Floats
-) -> Floats:
-    """(s, 3) derivatives of the columns: by the own angle, the axis and the roll."""
+) -> Derivatives:
+    """Return the derivatives of the columns."""
     x, z = position[sightings.feature].T
     cosine, sine = directions.T
     depth = z * cosine - x * sine
-    return np.stack([depth, np.ones_like(depth), sightings.row - geometry.middle], axis=1)
+    moved = np.ones_like(depth)
+    own = [depth, moved][: len(geometry.layout.own)]
+    values = np.stack([*own, moved, sightings.row - geometry.middle], axis=1)
+    return Derivatives(geometry.layout, values)
 
 
 def _orthonormal(
@@ -85,41 +113,48 @@ def _orthonormal(
     return np.stack([one, (second - r21[f] * one) / r22[f]], axis=1), (r11, r21, r22)
 
 
-def _mixed(sightings: Sightings, whitened: Floats, by_geometry: Floats, n: int) -> Any:
-    """(2 f, n + 2) sparse: products of the derivatives by the places and by the geometry."""
+def _mixed(sightings: Sightings, whitened: Floats, by_geometry: Derivatives) -> Any:
+    """(2 f, k) sparse: products of the derivatives by the places and by the geometry."""
     from scipy.sparse import csr_matrix
 
+    layout = by_geometry.layout
     features, everyone = sightings.n_features, np.arange(sightings.n_features)
     values, rows, columns = [], [], []
     for which, part in enumerate(whitened.T):
-        values.append(part * by_geometry[:, 0])
-        rows.append(sightings.feature + which * features)
-        columns.append(sightings.projection)
-        for whole in (1, 2):
-            values.append(sightings.sums(part * by_geometry[:, whole]))
+        for entries, own in zip(layout.own, by_geometry.own.T, strict=True):
+            values.append(part * own)
+            rows.append(sightings.feature + which * features)
+            columns.append(sightings.projection + entries.start)
+        for entry, common in zip((layout.axis, layout.roll), by_geometry.common.T, strict=True):
+            values.append(sightings.sums(part * common))
             rows.append(everyone + which * features)
-            columns.append(np.full(features, n + whole - 1))
+            columns.append(np.full(features, entry))
     where = np.concatenate(rows), np.concatenate(columns)
-    return csr_matrix((np.concatenate(values), where), (2 * features, n + 2))
+    return csr_matrix((np.concatenate(values), where), (2 * features, layout.size))
 
 
-def _full(sightings: Sightings, by_geometry: Floats, residuals: Floats, n: int) -> Quadratic:
+def _full(sightings: Sightings, by_geometry: Derivatives, residuals: Floats) -> Quadratic:
     """Quadratic of the geometry with every feature held where it is."""
-    own, whole = by_geometry[:, 0], by_geometry[:, 1:]
+    layout, common = by_geometry.layout, by_geometry.common
+    information, pull = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
 
     def sums(values: Floats) -> Floats:
-        return np.bincount(sightings.projection, values, n).astype(np.float64, copy=False)
+        return np.bincount(sightings.projection, values, layout.n).astype(np.float64, copy=False)
 
-    information = np.zeros((n + 2, n + 2))
-    information[np.arange(n), np.arange(n)] = sums(own**2)
-    information[:n, n:] = np.stack([sums(own * part) for part in whole.T], axis=1)
-    information[n:, :n] = information[:n, n:].T
-    information[n:, n:] = whole.T @ whole
-    return Quadratic(information, np.concatenate([sums(own * residuals), whole.T @ residuals]))
+    kinds = list(zip(layout.own, by_geometry.own.T, strict=True))
+    for entries, own in kinds:
+        for others, other in kinds:
+            np.fill_diagonal(information[entries, others], sums(own * other))
+        information[entries, layout.line] = np.stack([sums(own * c) for c in common.T], axis=1)
+        information[layout.line, entries] = information[entries, layout.line].T
+        pull[entries] = sums(own * residuals)
+    information[layout.line, layout.line] = common.T @ common
+    pull[layout.line] = common.T @ residuals
+    return Quadratic(information, pull)
 
 
 def _gram(mixed: Any) -> Floats:
-    """(n + 2, n + 2) product of the transpose of `mixed` with itself."""
+    """(k, k) product of the transpose of `mixed` with itself."""
     rows, size = mixed.shape
     if mixed.nnz < FULL * rows * size:
         return np.asarray((mixed.T @ mixed).toarray())

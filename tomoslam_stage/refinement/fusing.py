@@ -13,7 +13,7 @@ from tomoslam_stage.products import Floats, Geometry, Quadratic, Solve
 from tomoslam_stage.refinement.joint import change_of, covariance_of
 
 if TYPE_CHECKING:
-    from tomoslam_stage.products import AngleMeasurements
+    from tomoslam_stage.products import AngleMeasurements, Layout
     from tomoslam_stage.refinement.graphing import FactorGraph
 
 ROUNDS = 20
@@ -31,9 +31,9 @@ class Said:
     quadratic: Quadratic
     """What it says there."""
     halves: Floats
-    """(n + 2,) pull of one half of its data less that of the other."""
-    bias: Floats
-    """(n + 2,) pull that its own assumptions may have added; zeros where none are known."""
+    """(k,) pull of one half of its data less that of the other."""
+    biases: Floats
+    """(b, k) pull that each of its own assumptions may have added."""
 
 
 @dataclass(frozen=True)
@@ -88,16 +88,20 @@ def fused(
         wanted = graph.joint(recorded, measurements, here, told)
         change = change_of(wanted)
         here, told = here.moved(change), [quadratic.after(change) for quadratic in told]
-        if np.abs(change[:-2]).max() < np.deg2rad(SETTLED_DEG):
+        if np.abs(change[here.layout.angles]).max() < np.deg2rad(SETTLED_DEG):
             break
     wanted = graph.joint(recorded, measurements, here, told)
     covariance = covariance_of(wanted)
     blocks = {name: f.block(recorded.theta, measurements) for name, f in graph.factors.items()}
+    pulls = [pull for each in said for pull in each.biases]
+    moved = np.stack(
+        [moved_by(covariance, pull, here.layout) for pull in pulls] or [0 * here.theta]
+    )
     return Fused(
         geometry=here,
-        covariance=centred(covariance[:-2, :-2]),
-        halves=np.stack([moved_by(covariance, each.halves) for each in said]),
-        bias=moved_by(covariance, np.sum([each.bias for each in said], axis=0)),
+        covariance=centred(covariance[here.layout.angles, here.layout.angles]),
+        halves=np.stack([moved_by(covariance, each.halves, here.layout) for each in said]),
+        bias=np.sqrt(np.square(moved).sum(axis=0)),
         residuals={name: block.residuals(here.theta) for name, block in blocks.items()},
     )
 
@@ -112,29 +116,36 @@ def honest(said: Said, alone: Fused) -> Said:
     excess = max(1.0, rms(alone.sigma) / formal) if formal > 0 else 1.0
     weaker = Quadratic(said.quadratic.information / excess**2, said.quadratic.pull / excess**2)
     return replace(
-        said, quadratic=weaker, halves=said.halves / excess**2, bias=said.bias / excess**2
+        said, quadratic=weaker, halves=said.halves / excess**2, biases=said.biases / excess**2
     )
 
 
 def solver_with(graph: FactorGraph, recorded: Geometry, measurements: AngleMeasurements) -> Solve:
-    """Return what tells a source, linearised somewhere, which change (n + 2,) the graph wants.
+    """Return what tells a source, linearised somewhere, which change (k,) the graph wants.
 
-    The change is NaN where the source does not speak in numbers.
+    The change is NaN where the source does not speak in numbers, or not in numbers that can be
+    solved for.
     """
 
     def solve(geometry: Geometry, quadratic: Quadratic) -> Floats:
+        nothing = np.full(len(quadratic.pull), np.nan)
         if not np.isfinite(quadratic.information).all():
-            return np.full(len(quadratic.pull), np.nan)
-        return change_of(graph.joint(recorded, measurements, geometry, [quadratic]))
+            return nothing
+        wanted = graph.joint(recorded, measurements, geometry, [quadratic])
+        try:
+            return change_of(wanted)
+        except RuntimeError:  # how gtsam says that a system is indeterminate
+            return nothing
 
     return solve
 
 
-def moved_by(covariance: Floats, pull: Floats) -> Floats:
-    """(n,) radians: how a pull (n + 2,) moves the angles, the common angle taken out."""
+def moved_by(covariance: Floats, pull: Floats, layout: Layout) -> Floats:
+    """(n,) radians: how a pull (k,) moves the angles, the common angle taken out."""
     # The graph does not hear it either: the factor that holds the first angle would answer.
-    angles = pull[:-2] - pull[:-2].mean()
-    moved = covariance[:-2] @ np.append(angles, pull[-2:])
+    heard = pull.copy()
+    heard[layout.angles] -= pull[layout.angles].mean()
+    moved = covariance[layout.angles] @ heard
     return np.asarray(moved - moved.mean())
 
 

@@ -15,7 +15,7 @@ from tomoslam_stage.products import Evidence
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from tomoslam_stage.products import AngleMeasurements, Floats, Status, Tracks
+    from tomoslam_stage.products import AngleMeasurements, Floats, Rigidity, Status, Tracks
 
 SECTORS = 8
 """Parts of the turn over which the fall of the residual is averaged on its own."""
@@ -65,7 +65,7 @@ class Halves:
 
 @method
 class Gate:
-    """Weighs two kinds of evidence; both must speak for the refined angles."""
+    """Weighs the evidence: halves and unused rows for the refined angles, feature rows against."""
 
     half_share: Annotated[float, Field(gt=0, le=1)] = 0.7
     """Largest error of the refined angles, as two halves of the data show it, in units of the error
@@ -78,6 +78,12 @@ class Gate:
     allows for all that is known: on a smooth object all rows, used or not, err together."""
     significance: Annotated[float, Field(ge=0)] = 3.0
     """Smallest z score of the fall of the reprojection residual on unused rows."""
+    most_moved: Annotated[float, Field(gt=0)] = 0.04
+    """How far rows of features may move as the scan goes on, px of the scan as it is refined."""
+    most_cone: Annotated[float, Field(gt=0)] = 0.25
+    """How far they may move apart with depth, px of the scan as it is refined."""
+    rows_significance: Annotated[float, Field(ge=0)] = 4.0
+    """Standard errors from which on either of these is no chance."""
 
     def judge(self, evidence: Evidence) -> Verdict:
         """Accept the refined angles or keep the recorded ones, with the reason in numbers."""
@@ -93,7 +99,7 @@ class Gate:
             f"{'falls' if fall >= 0 else 'rises'} by {abs(fall):.1%} "
             f"({evidence.residual_gain_sigma:+.1f} standard errors over rows and parts of the turn)"
         )
-        against = []
+        against = [] if evidence.rigidity is None else self._against(evidence.rigidity)
         if evidence.half_error_deg >= self.half_share * evidence.recorded_error_deg:
             against.append(f"{halves}; less than {self.half_share:g} of it is needed")
         if evidence.half_measured < self.half_measured:
@@ -113,6 +119,24 @@ class Gate:
         if against:
             return Verdict("kept", "; ".join(against))
         return Verdict("accepted", f"{halves}; {unused}")
+
+    def _against(self, rows: Rigidity) -> list[str]:
+        """Tell why no choice of angles explains the scan, if it is so."""
+        moved, cone = self.most_moved * rows.pixel, self.most_cone * rows.pixel
+        against = []
+        if rows.moved_px > moved and rows.moved_significance >= self.rows_significance:
+            against.append(
+                f"rows of features move by {rows.moved_px:.2g} px rms as the scan goes on "
+                f"({rows.moved_significance:.1f} standard errors), {moved:.2g} px at most are "
+                "allowed: the sample moves by itself or changes its size"
+            )
+        if abs(rows.cone_px) > cone and abs(rows.cone_significance) >= self.rows_significance:
+            against.append(
+                "rows of features at top and bottom move apart with depth by "
+                f"{abs(rows.cone_px):.2g} px ({abs(rows.cone_significance):.1f} standard errors), "
+                f"{cone:.2g} px at most are allowed: the beam is not parallel"
+            )
+        return against
 
 
 def nothing_measured(tracks: Tracks, measurements: AngleMeasurements) -> Verdict:

@@ -7,14 +7,14 @@ from dataclasses import field, replace
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator
+from pydantic import Field
 
 from tomoslam_stage.errors import PipelineError, nearest
-from tomoslam_stage.methods import checked, method
+from tomoslam_stage.methods import FromTable, checked, method
 from tomoslam_stage.products import AngleMeasurements, Floats, Geometry, Quadratic, StageNoise
 from tomoslam_stage.refinement.factors import FACTORS, Encoder, Factor
 from tomoslam_stage.refinement.gate import Gate
-from tomoslam_stage.refinement.joint import joint_graph, stacked
+from tomoslam_stage.refinement.joint import Joint, joint_graph, stacked
 from tomoslam_stage.refinement.solve import Solution, Solver
 
 DOUBTED_DEG, HELD = 1.0, 1e6
@@ -53,10 +53,13 @@ def factors_from(spec: Any) -> Any:
 class FactorGraph:
     """The paper's section 4: factors on the angles, solved together, and the gate behind them."""
 
-    factors: Annotated[Mapping[str, Factor], BeforeValidator(factors_from)] = field(
-        default_factory=lambda: {name: factor() for name, factor in FACTORS.items()}
+    factors: Annotated[Mapping[str, Factor], FromTable(factors_from, table=FACTORS, every=True)] = (
+        field(default_factory=lambda: {name: factor() for name, factor in FACTORS.items()})
     )
     """Which factors are in the graph, by name, with their noise models."""
+    shift_px: Annotated[float, Field(gt=0)] = 1.0
+    """Standard deviation of the shift of a projection, px (binned ones, where a wide scan is
+    binned), where shifts are unknown."""
     solver: Solver = field(default_factory=Solver)
     """How it is solved."""
     gate: Gate = field(default_factory=Gate)
@@ -73,7 +76,7 @@ class FactorGraph:
         measurements: AngleMeasurements,
         here: Geometry,
         quadratics: Sequence[Quadratic],
-    ) -> Any:
+    ) -> Joint:
         """Return the graph, around `here`, of all factors and of sources tied to all angles.
 
         Ask it with `change_of` and `covariance_of`.
@@ -84,7 +87,7 @@ class FactorGraph:
             else stacked(factor.block(recorded.theta, measurements), here.theta)
             for factor in self.factors.values()
         ]
-        return joint_graph(rows, recorded, here, quadratics)
+        return joint_graph(rows, recorded, here, quadratics, self.shift_px)
 
     def informed(self, noise: StageNoise) -> FactorGraph:
         """Return the same with an encoder factor of this noise, where a pipeline gives no other."""

@@ -1,8 +1,9 @@
-"""Sightings as landmarks: angles, axis and roll from where features were seen.
+"""Sightings as landmarks: angles, axis, roll and shifts from where features were seen.
 
-Every sighting says ``u = X cos(theta) + Z sin(theta) + axis + roll (row - middle)``. The features
-(X, Z) are eliminated, what is left goes to the factor graph, which weighs it against the encoder,
-and its answer moves geometry and features (Gauss-Newton, iteratively reweighted).
+Every sighting says ``u = X cos(theta) + Z sin(theta) + axis + roll (row - middle) + shift``, the
+shift of its projection, where the sample may have moved. The features (X, Z) are eliminated, what
+is left goes to the factor graph, which weighs it against the encoder, and its answer moves geometry
+and features (Gauss-Newton, iteratively reweighted).
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class Adjusted:
 
 @method
 class Landmarks:
-    """Adjusts angles, axis, roll and features to each other."""
+    """Adjusts geometry and features to each other."""
 
     grip: Annotated[float, Field(gt=0)] = 2.0
     """Standard deviations at which a sighting has lost three quarters of its weight."""
@@ -92,7 +93,7 @@ class Landmarks:
             if not np.isfinite(change).all():
                 break
             geometry, position = geometry.moved(change), position + step.moves(change)
-            if np.abs(change[:-2]).max() < np.deg2rad(self.settled_deg):
+            if np.abs(change[geometry.layout.angles]).max() < np.deg2rad(self.settled_deg):
                 break
         return self._adjusted(sightings, geometry, position, weights)
 
@@ -128,7 +129,7 @@ def placed(sightings: Sightings, geometry: Geometry, weighing: Weighing) -> tupl
 
 def nothing_seen(geometry: Geometry) -> Adjusted:
     """Return what no sightings say: nothing about `geometry`."""
-    size = len(geometry.theta) + 2
+    size = geometry.layout.size
     none = np.empty(0)
     features = Features(np.empty((0, 2)), np.empty((0, 2, 2)), none, none, 0.0)
     silent = Quadratic(np.zeros((size, size)), np.zeros(size))

@@ -28,14 +28,15 @@ def with_rows(
     The row Y of each feature on the axis is eliminated. Columns hardly tell a roll from places and
     angles that suit it; rows do, and hold it. `inflation` is that of the variances.
     """
-    u = sightings.column - geometry.axis_at(sightings.row)
+    u = sightings.column - geometry.origin(sightings.row, sightings.projection)
     everyone = np.ones(len(u))
     u = u - sightings.means(u, everyone)[sightings.feature]
-    level = sightings.row + geometry.roll * (sightings.column - geometry.axis)
+    level = geometry.level(sightings.column, sightings.row, sightings.projection)
     off = level - sightings.means(level, everyone)[sightings.feature]
     sigma = max(robust_scale(off), strictness.floor)
     weights = geman_mcclure(off, sigma, strictness.grip) / inflation
     information, pull = columns.information.copy(), columns.pull.copy()
-    information[-1, -1] += np.sum(weights * u**2)
-    pull[-1] -= np.sum(weights * u * off)
+    roll = geometry.layout.roll
+    information[roll, roll] += np.sum(weights * u**2)
+    pull[roll] -= np.sum(weights * u * off)
     return replace(columns, information=information, pull=pull)

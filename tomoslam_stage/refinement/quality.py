@@ -34,7 +34,7 @@ VARIANCES_PX2 = (9.0, 4.0)
 def signs(sightings: Sightings, theta: Floats) -> Floats:
     """(s, c) standardised signs that sightings are good or bad, their squares, and a constant."""
     f, counts = sightings.feature, sightings.counts
-    off_row = np.minimum(np.abs(sightings.row - _usual_row(sightings)[f]), MOST_OFF_ROW_PX)
+    off_row = np.minimum(np.abs(sightings.row - usual_row(sightings)[f]), MOST_OFF_ROW_PX)
     scatter = np.sqrt(sightings.sums(off_row**2) / counts)[f]
     unlike = np.minimum(sightings.unlike, MOST_UNLIKE[: sightings.unlike.shape[1]])
     support = np.log1p(_support(sightings, theta))
@@ -61,7 +61,7 @@ def predicted_sigma(signs: Floats, residuals: Floats, leverage: Floats, floor: f
     return np.asarray(np.exp(np.clip(said, *limits) / 2))
 
 
-def _usual_row(sightings: Sightings) -> Floats:
+def usual_row(sightings: Sightings) -> Floats:
     """(f,) the row of each feature, robustly."""
     row = sightings.row
     usual = sightings.means(row, np.ones_like(row))

@@ -72,7 +72,7 @@ class Sightings:
     def residuals(self, geometry: Geometry, position: Floats) -> Floats:
         """(s,) px: columns sighted, less those where features at `position` (f, 2) must appear."""
         expected = np.einsum("si,si->s", self.directions(geometry), position[self.feature])
-        return np.asarray(self.column - expected - geometry.axis_at(self.row))
+        return np.asarray(self.column - expected - geometry.origin(self.row, self.projection))
 
     def covariances(self, directions: Floats, weights: Floats) -> Floats:
         """(f, 2, 2) px squared: of the features, for `weights` (s,) px^-2 and a known geometry."""
@@ -86,7 +86,7 @@ class Sightings:
     def positions(self, geometry: Geometry, weights: Floats) -> Floats:
         """(f, 2) px from the axis: where the features lie, for `weights` (s,) px^-2."""
         directions = self.directions(geometry)
-        column = weights * (self.column - geometry.axis_at(self.row))
+        column = weights * (self.column - geometry.origin(self.row, self.projection))
         pull = np.stack([self.sums(column * part) for part in directions.T], axis=1)
         covariances = self.covariances(directions, weights)
         return np.asarray(np.einsum("fij,fj->fi", covariances, pull))
@@ -100,7 +100,7 @@ class Sightings:
         """
         weights, scale = noise
         # An axis that leans moves rows, too: v = Y - roll u.
-        level = self.row + geometry.roll * (self.column - geometry.axis)
+        level = geometry.level(self.column, self.row, self.projection)
         return Features(
             position=position,
             covariance=self.covariances(self.directions(geometry), weights),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from tomoslam_stage.refinement.factors.block import Block, Factor
+from tomoslam_stage.refinement.factors.closure import Closure
 from tomoslam_stage.refinement.factors.cv import Cv
 from tomoslam_stage.refinement.factors.encoder import Encoder
 from tomoslam_stage.refinement.factors.prior import Prior
@@ -12,6 +13,11 @@ from tomoslam_stage.refinement.factors.prior import Prior
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-FACTORS: Mapping[str, type[Factor]] = {"prior": Prior, "encoder": Encoder, "cv": Cv}
+FACTORS: Mapping[str, type[Factor]] = {
+    "prior": Prior,
+    "encoder": Encoder,
+    "cv": Cv,
+    "closure": Closure,
+}
 
-__all__ = ["FACTORS", "Block", "Cv", "Encoder", "Factor", "Prior"]
+__all__ = ["FACTORS", "Block", "Closure", "Cv", "Encoder", "Factor", "Prior"]

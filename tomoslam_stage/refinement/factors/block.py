@@ -18,7 +18,7 @@ class Block:
     projections: Integers
     """(f, k) the angles that each factor joins."""
     jacobian: Floats
-    """(d, k) the same for all factors of the block."""
+    """(d, k) the same for all factors of the block, or (f, d, k)."""
     measured: Floats
     """(f, d) radians."""
     whitening: Floats
@@ -28,7 +28,8 @@ class Block:
 
     def residuals(self, theta: Floats) -> Floats:
         """(f, d) radians: what the factors still want to change at `theta` (n,)."""
-        return np.asarray(theta[self.projections] @ self.jacobian.T - self.measured)
+        expected = self.jacobian @ theta[self.projections][..., None]
+        return np.asarray(expected[..., 0] - self.measured)
 
     def distance(self, theta: Floats) -> Floats:
         """(f,) length of the whitened residuals for each dimension: about 1 when all is well."""
