@@ -85,7 +85,9 @@ def test_consensus_survives_two_wrong_tracks_in_five(
     tracks = seen(columns, steps, count=100, seed=seed) + rng.normal(0, 0.05, (100, 3))
     wrong = rng.permutation(100) < 40
     tracks[wrong, 2] += rng.choice([-1, 1], 40) * rng.uniform(20, 60, 40)
-    chosen = Ransac(k_tolerance=0.1).consensus(tracks, seed)
+    pair, chosen = Ransac(k_tolerance=0.1).consensus(tracks, seed)
+    assert not wrong[pair].any()
+    assert chosen[pair].all()
     assert chosen[wrong].mean() < 0.25
     # Tracks that make a poorly conditioned pair with one of those drawn may be missing.
     assert chosen[~wrong].mean() > 0.6
@@ -95,18 +97,18 @@ def test_false_tracks_that_agree_lose_against_more_true_ones(columns) -> None:
     tracks = np.concatenate(
         [seen(columns, (5, 5), count=60), seen(columns, (5, 9), count=40, seed=8)]
     )
-    chosen = Ransac(k_tolerance=0.05).consensus(tracks, 0)
+    _, chosen = Ransac(k_tolerance=0.05).consensus(tracks, 0)
     assert chosen[:60].all()
     assert chosen[60:].mean() < 0.3
 
 
 def test_a_pair_alone_agrees_with_itself() -> None:
     tracks = np.random.default_rng(4).normal(0, 50, (9, 3))
-    chosen = Ransac(k_tolerance=1e-9).consensus(tracks, 0)
+    _, chosen = Ransac(k_tolerance=1e-9).consensus(tracks, 0)
     assert chosen.sum() == 2
 
 
 def test_the_same_seed_draws_the_same_pairs(columns) -> None:
     tracks = seen(columns, (5, 5), count=30) + np.random.default_rng(0).normal(0, 2, (30, 3))
-    again = [Ransac().consensus(tracks, 7) for _ in range(2)]
+    again = [Ransac().consensus(tracks, 7)[1] for _ in range(2)]
     np.testing.assert_array_equal(*again)

@@ -8,11 +8,11 @@ import pytest
 from tomoslam_stage.images import noise_sigma
 from tomoslam_stage.scans import scan_of
 from tomoslam_stage.tracks import DETECTORS
-from tomoslam_stage.tracks.detectors import Keypoints
+from tomoslam_stage.tracks.detectors import Keypoints, Surf
 from tomoslam_stage.tracks.keypoints import find_keypoints, stretched
 
 SHAPE = (150, 170)
-POSITION = {"sift": 0.05, "surf": 0.6}
+POSITION = {"sift": 0.05, "surf": 0.05}
 """px: how well the contract wants columns and rows, rms."""
 
 every_detector = pytest.mark.parametrize("name", sorted(DETECTORS))
@@ -110,7 +110,7 @@ def test_descriptors_are_upright(name: str) -> None:
     still = np.linalg.norm(described(image, place) - described(shifted, there), axis=1)
     moved = np.linalg.norm(described(image, place) - described(turned, turned_place), axis=1)
     assert np.median(still) < 0.1
-    assert np.median(moved) > 0.5
+    assert np.median(moved) > 0.35
 
 
 @every_detector
@@ -198,3 +198,27 @@ def test_descriptors_are_mirrored_as_the_image_is(name: str) -> None:
     assert np.median(np.linalg.norm(expected - seen, axis=1)) < 0.2
     turned = np.linalg.norm(there.descriptor[other[same]].astype(np.float32) - seen, axis=1)
     assert np.median(turned) > 0.4
+
+
+def test_surf_is_mended_in_every_octave() -> None:
+    row, column = np.indices((320, 340))
+    rng = np.random.default_rng(3)
+    middles = np.stack(np.meshgrid([90, 160, 230], [90, 165, 240]), axis=-1).reshape(-1, 2)
+    where = middles + rng.uniform(-2, 2, middles.shape)
+    widths = np.linspace(2, 10, len(where))
+    image = np.full(row.shape, 0.5)
+    for (y, x), width in zip(where, widths, strict=True):
+        image += 0.4 * np.exp(-((row - y) ** 2 + (column - x) ** 2) / (2 * width**2))
+    mended, given = (Surf(mended=way).detect(image, 0.001) for way in (True, False))
+
+    def off(keypoints: Keypoints) -> tuple[np.ndarray, np.ndarray]:
+        best, apart = nearest(keypoints, where)
+        return np.linalg.norm(apart, axis=1), keypoints.size[best] / widths
+
+    (placed, sized), (misplaced, missized) = off(mended), off(given)
+    found = placed < 1.5  # mahotas itself misses some
+    assert found.sum() >= 5
+    assert found[widths > 5].any()
+    assert placed[found].max() < 0.15
+    assert np.median(misplaced[found]) > 0.3
+    assert np.std(sized[found]) < 0.5 * np.std(missized[found])

@@ -13,7 +13,7 @@ from tomoslam_stage.methods import method
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from tomoslam_stage.products import Floats
+    from tomoslam_stage.products import Floats, Integers
 
 
 @method
@@ -35,8 +35,8 @@ class Ransac:
         """
         return int(np.ceil(np.log1p(-self.probability) / np.log1p(-(self.reliable**2))))
 
-    def consensus(self, columns: Floats, seed: int) -> NDArray[np.bool_]:
-        """(t,) the largest set of tracks that agree with one pair of them.
+    def consensus(self, columns: Floats, seed: int) -> tuple[Integers, NDArray[np.bool_]]:
+        """(2,) the pair of tracks that most others agree with, and (t,) which do.
 
         Parameters
         ----------
@@ -54,7 +54,8 @@ class Ransac:
         # A track says nothing about k in a pair with itself.
         trial = np.arange(self.trials)
         agrees[trial, first] = agrees[trial, second] = np.isfinite(k)
-        return np.asarray(agrees[np.argmax(agrees.sum(axis=1))])
+        best = np.argmax(agrees.sum(axis=1))
+        return np.array([first[best], second[best]]), agrees[best]
 
     def _near(self, k: Floats, one: Floats, columns: Floats) -> NDArray[np.bool_]:
         """(trials, t) whether each track, paired with `one` of the drawn pair, gives the same k."""

@@ -79,7 +79,7 @@ class Triplets:
         """
         if len(columns) < self.fewest_inliers:
             raise NotMeasured("too few tracks")
-        inliers = self.ransac.consensus(columns, seed=len(columns))
+        _, inliers = self.ransac.consensus(columns, seed=len(columns))
         if inliers.sum() < self.fewest_inliers:
             raise NotMeasured("too few tracks agree")
         plane, inliers = fit_robustly(columns, inliers)

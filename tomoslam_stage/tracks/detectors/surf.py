@@ -11,7 +11,7 @@ from tomoslam_stage.methods import method
 from tomoslam_stage.tracks.detectors.detector import Descriptors, Keypoints
 
 if TYPE_CHECKING:
-    from tomoslam_stage.products import Floats, Pixels
+    from tomoslam_stage.products import Floats, Integers, Pixels
 
 GRID = (np.arange(20) - 9.5).astype(np.float64)
 """Samples across a descriptor, in units of the keypoint's size: 4 cells of 5."""
@@ -21,8 +21,8 @@ GRID = (np.arange(20) - 9.5).astype(np.float64)
 class Surf:
     """SURF, upright, as in the paper.
 
-    Its columns scatter by 0.4 to 0.55 px: take `Sift` instead, unless the published method is
-    wanted.
+    On a simulated board a triplet of projections at 10 degrees shares a tenth of the tracks that
+    `Sift` gives it: take that instead, unless the published method is wanted.
     """
 
     keypoints: Annotated[int, Field(ge=10)] = 1000
@@ -31,25 +31,55 @@ class Surf:
     """Threshold of the blob response, in standard deviations of the projection's white noise."""
     octaves: Annotated[int, Field(ge=1, le=6)] = 3
     """Octaves of box sizes."""
+    mended: bool = True
+    """Undo the wrong sign of the interpolation between samples in mahotas 1.4, see `mended`. As it
+    is, it places blobs 0.6 px off; mended, 0.02 px."""
 
     def detect(self, image: Pixels, noise: float) -> Keypoints:
         """Find the keypoints of `image`, see `Detector`."""
-        from mahotas.features import surf
-
         grey = np.asarray(image * 255, dtype=np.float64)
         threshold = max((self.noise_sigmas * noise * 255) ** 2, 1e-3)
-        found = surf.interest_points(
-            grey, nr_octaves=self.octaves, threshold=threshold, max_points=self.keypoints
-        )
-        row, column, size, score = np.asarray(found, float).reshape(-1, 5)[:, :4].T
-        strongest = np.argsort(-score, kind="stable")
-        row, column, size = row[strongest], column[strongest], size[strongest]
+        found, octave = interest_points(grey, threshold, self.octaves)
+        strongest = np.argsort(-found[:, 3], kind="stable")[: self.keypoints]
+        place = found[strongest, :3]
+        row, column, size = (mended(place, octave[strongest]) if self.mended else place).T
         return Keypoints(column, row, size, describe(grey, column, row, size))
 
     def mirrored(self, descriptors: Pixels) -> Pixels:
         """Reverse the columns of cells and the sign of what changes along them, see `Detector`."""
         cells = descriptors.reshape(-1, 4, 4, 4)[:, :, ::-1]
         return np.asarray(cells * np.array([-1, 1, 1, 1], cells.dtype)).reshape(-1, 64)
+
+
+def interest_points(image: Floats, threshold: float, octaves: int) -> tuple[Floats, Integers]:
+    """(k, 5) row, column, size, response and sign of each blob; (k,) the octave it was found in.
+
+    mahotas does not tell the octave: it is asked with one octave, with two, and so on. A blob of
+    the first is in every answer, one of the last in a single one.
+    """
+    from mahotas.features import surf
+
+    answers = [
+        np.asarray(surf.interest_points(image, nr_octaves=1 + k, threshold=threshold), float)
+        for k in range(octaves)
+    ]
+    answers = [answer.reshape(-1, 5) for answer in answers]
+    found, answered = np.unique(np.concatenate(answers), axis=0, return_counts=True)
+    return found, octaves - answered
+
+
+def mended(place: Floats, octave: Integers) -> Floats:
+    """(k, 3) rows, columns and sizes where mahotas would place blobs, were its sign right.
+
+    The response is sampled every 2**o px in octave o, with boxes 3 (2**(o + 1) (i + 1) + 1) px wide
+    and i = 0, 1, ...; a blob of that width has the size 2/15 of it. Between the samples mahotas
+    goes as far as it should, but the other way: its `place` (k, 3) is mirrored about the sample.
+    """
+    step = 2.0**octave
+    layer = (place[:, 2] / 0.4 - 1) / (2 * step) - 1
+    samples = np.column_stack([place[:, :2] / step[:, None], layer])
+    row, column, layer = (2 * np.rint(samples) - samples).T
+    return np.column_stack([row * step, column * step, 0.4 * (2 * step * (layer + 1) + 1)])
 
 
 def describe(image: Floats, column: Floats, row: Floats, size: Floats) -> Descriptors:
