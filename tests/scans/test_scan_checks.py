@@ -20,14 +20,15 @@ CASES = {
         THETA[:11],
         {},
         "raw.h5: /exchange/theta holds 11 angles for 12 projections in /exchange/data; one per "
-        "projection is needed. Find the missing or extra frame, and repair theta.",
+        "projection is needed. 1 cannot be told from 12 images. Pass --drop-frames with their "
+        "numbers, counted from 0.",
     ),
     "nan": (
         DATA,
         np.where(THETA == 30, np.nan, THETA),
         {},
         "raw.h5: /exchange/theta holds 1 angles that are NaN or infinite, the first at frame 2; "
-        "finite angles are needed. Repair theta.",
+        "finite angles are needed. Repair theta, or pass --drop-frames 2.",
     ),
     "constant": (
         DATA,
@@ -41,7 +42,7 @@ CASES = {
         np.where(THETA == 45, 30, THETA),
         {},
         "raw.h5: 1 angles occur more than once, the first (30 degrees, 2 times) at frame 2; each "
-        "angle once is needed. Average or drop repeated frames, or repair theta.",
+        "angle once is needed. Average repeated frames, or repair theta, or pass --drop-frames 3.",
     ),
     "short arc": (
         DATA,
@@ -60,7 +61,7 @@ CASES = {
         DATA,
         ["a"] * 12,
         {},
-        "raw.h5: /exchange/theta holds values of type object; numbers are needed.",
+        "raw.h5: /exchange/theta holds texts or lists; real numbers are needed.",
     ),
     "flat data": (
         DATA[0],

@@ -2,7 +2,16 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import stat
+import subprocess
+import sys
+import tempfile
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from subprocess import PIPE
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -66,6 +75,19 @@ def test_refined_angles_are_written_and_the_recorded_ones_renamed(scan_file):
     )
     assert {name: after[name] for name in before} == before
     assert [p.name for p in scan_file.parent.iterdir()] == [scan_file.name]
+
+
+def test_shifts_are_noted_with_the_parameters_and_go_with_a_run_that_has_none(scan_file):
+    shift = np.linspace(-0.5, 0.5, 24)
+    write_theta(scan_file, REFINED, SIGMA, replace(RECORD, shift_px=shift))
+    noted = contents(scan_file)
+    place = "process/tomoslam_stage/shift_px"
+    assert noted[place] == ("float64", shift.tolist(), {"units": "pixel"})
+    write_theta(scan_file, REFINED, SIGMA, RECORD)
+    again = contents(scan_file)
+    assert place not in again
+    names = {name for name in again if name.startswith("exchange/")}
+    assert names == {name for name in noted if name.startswith("exchange/")}
 
 
 @pytest.mark.usefixtures("route")
@@ -169,7 +191,7 @@ def test_angles_in_another_file_are_not_edited(scan_file, place):
         if place != "/exchange":
             file["/exchange/data"] = h5py.ExternalLink("scan.h5", "/exchange/data")
     before = path.read_bytes(), scan_file.read_bytes()
-    with pytest.raises(ScanError, match=r"is a link into another file.* Pass --output FILE\."):
+    with pytest.raises(ScanError, match=r"is a link into another file.* Pass --output FILE "):
         write_theta(path, REFINED, SIGMA, RECORD)
     assert (path.read_bytes(), scan_file.read_bytes()) == before
 
@@ -190,23 +212,162 @@ def test_recorded_angles_of_another_program_are_not_touched(scan_file):
         write_theta(scan_file, REFINED, SIGMA, RECORD)
 
 
-@pytest.mark.usefixtures("route")
-def test_a_scan_that_another_program_holds_is_refused(scan_file):
-    with h5py.File(scan_file, "r"):
-        for attempt in (
-            lambda: write_theta(scan_file, REFINED, SIGMA, RECORD),
-            lambda: check_writable(scan_file),
-        ):
-            with pytest.raises(ScanError, match="another program has it open"):
-                attempt()
+HOLD = """
+import sys, h5py
+with h5py.File(sys.argv[1], sys.argv[2]) as file:
+    print(file["/exchange/theta"][0], flush=True)
+    sys.stdin.read()
+    print(file["/exchange/theta"][0], flush=True)
+"""
+
+
+@contextmanager
+def held(path, mode):
+    """Let another process keep the file open; yield what it reads meanwhile."""
+    words = [sys.executable, "-c", HOLD, str(path), mode]
+    with subprocess.Popen(words, stdin=PIPE, stdout=PIPE, text=True) as other:
+        read = [other.stdout.readline()]
+        yield read
+        read.append(other.communicate()[0])
+
+
+def test_a_scan_that_another_program_holds_is_not_edited_under_it(scan_file, route):
+    before = scan_file.read_bytes()
+    for mode in ("r", "r+") if route == "in place" else ("r+",):
+        with held(scan_file, mode):
+            for attempt in (write_theta, lambda path, *_: check_writable(path)):
+                with pytest.raises(ScanError) as error:
+                    attempt(scan_file, REFINED, SIGMA, RECORD)
+                assert str(error.value) in (
+                    "scan.h5: another program has it open, and has to close it first. "
+                    "Pass --output FILE to write a file of its own instead.",
+                    "scan.h5: another program has it open for writing. "
+                    "Wait until that program is done.",
+                )
+        assert scan_file.read_bytes() == before
     check_writable(scan_file)
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write to read-only files")
-def test_a_read_only_scan_is_refused_with_a_way_out(scan_file):
-    scan_file.chmod(0o444)
-    with pytest.raises(ScanError, match=r"may not be written to .* Pass --output FILE"):
+def test_a_reader_keeps_the_old_file_while_a_copy_takes_its_place(scan_file):
+    with held(scan_file, "r") as read:
         write_theta(scan_file, REFINED, SIGMA, RECORD)
+        assert "exchange/theta_recorded" in contents(scan_file)
+    assert read == ["0.0\n", "0.0\n"]
+
+
+def test_a_second_run_of_ours_is_refused_while_one_writes(scan_file, route):
+    with (
+        transaction.locked(scan_file, readers=route == "copy"),
+        pytest.raises(ScanError, match="another program has it open"),
+    ):
+        write_theta(scan_file, REFINED, SIGMA, RECORD)
+
+
+def test_a_safe_copy_is_made_however_large_the_scan_is(scan_file, monkeypatch):
+    monkeypatch.setattr(transaction, "SMALL", -1)
+    monkeypatch.setattr(transaction, "SYNCED", 1000)
+    scan_file.chmod(0o640)
+    before = scan_file.stat()
+    write_theta(scan_file, REFINED, SIGMA, RECORD, safe_copy=True)
+    middle = scan_file.stat()
+    assert middle.st_ino != before.st_ino
+    assert middle.st_mode == before.st_mode
+    write_theta(scan_file, REFINED, SIGMA, RECORD)
+    assert scan_file.stat().st_ino == middle.st_ino
+    revert(scan_file, safe_copy=True)
+    assert scan_file.stat().st_ino != middle.st_ino
+    assert "exchange/theta_recorded" not in contents(scan_file)
+
+
+def test_a_safe_copy_that_somebody_would_notice_is_refused(scan_file):
+    scan_file.with_name("other.h5").hardlink_to(scan_file)
+    before = scan_file.read_bytes()
+    for attempt in (
+        lambda: write_theta(scan_file, REFINED, SIGMA, RECORD, safe_copy=True),
+        lambda: check_writable(scan_file, safe_copy=True),
+    ):
+        with pytest.raises(ScanError) as error:
+            attempt()
+        assert str(error.value) == (
+            "scan.h5: it has 2 names (hard links), and a copy would take the place of one. "
+            "Leave --safe-copy away, or pass --output FILE."
+        )
+    assert scan_file.read_bytes() == before
+
+
+def test_a_copy_for_which_there_is_no_room_is_refused_before_any_work(scan_file, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1000))
+    with pytest.raises(ScanError, match=r"a copy needs [\d.e-]+ GB in .*; 1e-06 are free"):
+        check_writable(scan_file)
+
+
+NOBODY = 65534
+
+
+def as_somebody(attempt):
+    """Run `attempt` as a user who is not root; return the line it was refused with."""
+    end, start = os.pipe()
+    child = os.fork()
+    if child == 0:
+        said = "it was not refused"
+        try:
+            if os.geteuid() == 0:
+                os.setuid(NOBODY)
+            attempt()
+        except ScanError as error:
+            said = str(error)
+        finally:
+            os.write(start, said.encode())
+            os._exit(0)
+    os.close(start)
+    os.waitpid(child, 0)
+    with os.fdopen(end) as told:
+        return told.read()
+
+
+@pytest.fixture
+def public(scan_file):
+    """The scan in a folder that every user may read."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        path = Path(shutil.copy(scan_file, folder / "scan.h5"))
+        if os.geteuid() == 0:
+            os.chown(folder, NOBODY, NOBODY)
+            os.chown(path, NOBODY, NOBODY)
+        yield path
+        folder.chmod(0o755)
+
+
+@pytest.mark.usefixtures("route")
+@pytest.mark.parametrize("write", [write_theta, lambda path, *_: check_writable(path)])
+def test_a_read_only_scan_is_refused_with_a_way_out(public, write):
+    public.chmod(0o444)
+    assert as_somebody(lambda: write(public, REFINED, SIGMA, RECORD)) == (
+        "scan.h5: it may not be written to (Permission denied). "
+        "Pass --output FILE to write a file of its own instead."
+    )
+
+
+@pytest.mark.usefixtures("route")
+@pytest.mark.parametrize("write", [write_theta, lambda path, *_: check_writable(path)])
+def test_a_read_only_folder_is_refused_with_a_way_out(public, write):
+    public.parent.chmod(0o555)
+    assert as_somebody(lambda: write(public, REFINED, SIGMA, RECORD)) == (
+        f"scan.h5: {public.parent} may not be written to. Pass --output FILE in a folder of yours."
+    )
+
+
+@pytest.mark.parametrize("place", ["/process", "/process/table", "/process/tomoslam_stage"])
+def test_what_is_kept_of_a_run_never_goes_into_another_file(scan_file, place):
+    other = scan_file.with_name("other.h5")
+    with h5py.File(other, "w") as file:
+        file.create_group("kept")
+    with h5py.File(scan_file, "r+") as file:
+        file[place] = h5py.ExternalLink("other.h5", "/kept")
+    before = other.read_bytes(), scan_file.read_bytes()
+    with pytest.raises(ScanError, match=f"{place} is a link into another file"):
+        write_theta(scan_file, REFINED, SIGMA, RECORD)
+    assert (other.read_bytes(), scan_file.read_bytes()) == before
 
 
 def test_a_companion_holds_the_angles_and_leads_to_the_data(scan_file, tmp_path):

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -157,3 +158,21 @@ def test_simulating_needs_neither_files_nor_vision() -> None:
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert said.stdout.strip() == "set()"
+
+
+def test_a_sample_that_jitters_moves_along_the_columns_and_nothing_else_changes() -> None:
+    still, jittered = simulate(small(seed=5)), simulate(small(seed=5, shift_px=0.5))
+    assert not still.shift.any()
+    assert 0.2 < np.std(jittered.shift) < 0.8
+    np.testing.assert_array_equal(still.theta_true, jittered.theta_true)
+    columns = np.arange(64)
+    for k in (0, 7):
+        there = jittered.line_integrals(k).sum(axis=0)
+        middle = (there * columns).sum() / there.sum()
+        back = replace(jittered, shift=np.zeros(12)).line_integrals(k).sum(axis=0)
+        apart = middle - (back * columns).sum() / back.sum()
+        assert apart == pytest.approx(jittered.shift[k], abs=0.05)
+
+
+def test_a_sample_that_jitters_stays_in_view() -> None:
+    assert small(shift_px=2.0).field_radius == small().field_radius - 6

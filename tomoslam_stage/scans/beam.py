@@ -37,7 +37,6 @@ OBJECT_DETECTOR = (
 )
 PIXEL = ("x_pixel_size", "pixel_size_x", "pixel_size")
 GEOMETRY = ("geometry", "beam_geometry", "scan_geometry")
-SEARCHED = ("measurement", "process/acquisition", "exchange/geometry")
 
 
 @dataclass(frozen=True)
@@ -87,9 +86,9 @@ class Beam:
         )
 
 
-def read_beam(file: File) -> Beam:
-    """Collect what the file says about the geometry of the beam."""
-    found = dict(_leaves(file))
+def read_beam(file: File, groups: tuple[str, ...]) -> Beam:
+    """Collect what the file says about the geometry of the beam, in these `groups`."""
+    found = dict(_leaves(file, groups))
     source_object = _first(found, SOURCE_OBJECT) or _in_group(found, "source", "distance")
     object_detector = _first(found, OBJECT_DETECTOR) or _in_group(found, "detector", "distance")
     source_detector = _first(found, SOURCE_DETECTOR)
@@ -100,7 +99,7 @@ def read_beam(file: File) -> Beam:
     return Beam(source_object, object_detector, _first(found, PIXEL), _declared(found))
 
 
-def _leaves(file: File) -> Iterator[tuple[str, Any]]:
+def _leaves(file: File, groups: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     """Yield path and dataset of every small dataset where geometry is kept."""
     import h5py
 
@@ -110,7 +109,7 @@ def _leaves(file: File) -> Iterator[tuple[str, Any]]:
         if isinstance(node, h5py.Dataset) and node.size == 1:
             collected.append((name.lower(), node))
 
-    for place in SEARCHED:
+    for place in groups:
         group = file.get(place)
         if isinstance(group, h5py.Group):
             group.visititems(keep)

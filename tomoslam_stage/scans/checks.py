@@ -6,24 +6,34 @@ come last, as they need datasets that have passed the others.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tomoslam_stage.errors import ScanError
-from tomoslam_stage.scans.dxchange import DARKS, DATA, FLATS
+from tomoslam_stage.scans.pairing import spans
 from tomoslam_stage.scans.theta import decide_units, to_radians
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from tomoslam_stage.products import Floats
-    from tomoslam_stage.scans.dxchange import Contents, DatasetFacts
+    from tomoslam_stage.products import Floats, Integers
+    from tomoslam_stage.scans.contents import Contents
     from tomoslam_stage.scans.theta import Units
 
 MIN_PROJECTIONS = 3
 MIN_COLUMNS = 8
 MIN_SPAN_DEG = 10.0
+KINDS = {
+    "c": "complex numbers",
+    "O": "texts or lists",
+    "S": "texts",
+    "V": "records",
+    "b": "truth values",
+}
+"""What messages call values that are no numbers, by the kind of their numpy type."""
+MOST_NAMED = 60
+"""Characters of a list of frames in a message."""
 
 
 def check(contents: Contents, *, parallel: bool) -> None:
@@ -53,48 +63,40 @@ def problems(contents: Contents) -> Iterator[str]:
 
 def check_present(contents: Contents) -> None:
     """Check that projections and angles are there."""
-    for key in (DATA, contents.angles_from):
+    for key in (contents.places.data, contents.angles_from):
         if key in contents.absent:
             raise ScanError(
                 contents.path.name,
                 f"{key} {contents.absent[key]}.",
-                "A DXchange file with /exchange/data and /exchange/theta is needed.",
+                "A DXchange file with /exchange/data and /exchange/theta, or an NXtomo entry, is "
+                "needed.",
             )
 
 
 def check_readable(contents: Contents) -> None:
     """Check that every filter is installed, and every file behind a dataset is there."""
     for key, facts in contents.datasets.items():
-        if facts.missing_filters:
-            raise ScanError(
-                contents.path.name,
-                f"{key} is compressed with {', '.join(facts.missing_filters)}, "
-                "which is not installed.",
-                "Install the package hdf5plugin.",
-            )
-        if facts.missing_files:
-            raise ScanError(
-                contents.path.name,
-                f"{key} draws on {', '.join(facts.missing_files)}, which is missing.",
-                "Put it back beside the scan.",
-            )
+        if facts.unreadable is not None:
+            found, remedy = facts.unreadable
+            raise ScanError(contents.path.name, f"{key} {found}", remedy)
 
 
 def check_data(contents: Contents) -> None:
     """Check that the projections are a stack of real numbers, large enough to work on."""
-    facts, name = contents.datasets[DATA], contents.path.name
+    facts, name, data = contents.data, contents.path.name, contents.places.data
     if len(facts.shape) != 3:
         raise ScanError(
             name,
-            f"{DATA} has {len(facts.shape)} dimensions {facts.shape}; "
+            f"{data} has {len(facts.shape)} dimensions {facts.shape}; "
             "three (projection, row, column) are needed.",
         )
-    _check_real(contents, DATA)
-    n, rows, columns = facts.shape
+    _check_real(contents, data)
+    rows, columns = facts.shape[1:]
+    n = len(contents.frames)
     if n < MIN_PROJECTIONS or rows < 1 or columns < MIN_COLUMNS:
         raise ScanError(
             name,
-            f"{DATA} holds {n} projections of {rows} x {columns} px; at least "
+            f"{data} holds {n} projections of {rows} x {columns} px; at least "
             f"{MIN_PROJECTIONS} of 1 x {MIN_COLUMNS} px are needed.",
         )
 
@@ -102,61 +104,53 @@ def check_data(contents: Contents) -> None:
 def _check_real(contents: Contents, key: str) -> None:
     dtype = contents.datasets[key].dtype
     if dtype.kind not in "iuf":
-        kind = "complex numbers" if dtype.kind == "c" else f"values of type {dtype}"
         raise ScanError(
             contents.path.name,
-            f"{key} holds {kind}; integers or real numbers are needed.",
+            f"{key} holds {_called(dtype)}; integers or real numbers are needed.",
             "Store the intensity or the line integrals." if dtype.kind == "c" else "",
         )
 
 
+def _called(dtype: np.dtype[Any]) -> str:
+    return KINDS.get(dtype.kind, f"values of type {dtype}")
+
+
 def check_references(contents: Contents) -> None:
     """Check that flats and darks fit the detector of the projections."""
-    for key in (FLATS, DARKS):
+    if contents.wrong is not None:
+        raise ScanError(contents.path.name, *contents.wrong)
+    for key in filter(None, (contents.places.flats, contents.places.darks)):
         if key in contents.datasets:
             _check_detector(contents, key)
+        elif contents.absent[key] != "is missing":  # going without would be another measurement
+            found = f"{key} {contents.absent[key]}."
+            raise ScanError(contents.path.name, found, "Mend it, or remove it from the file.")
 
 
 def _check_detector(contents: Contents, key: str) -> None:
-    facts, detector = contents.datasets[key], contents.datasets[DATA].shape[1:]
+    facts, detector = contents.datasets[key], contents.data.shape[1:]
     if len(facts.shape) not in (2, 3) or facts.shape[-2:] != detector:
         raise ScanError(
             contents.path.name,
             f"{key} has the shape {facts.shape}; frames of {detector[0]} x {detector[1]} px, "
-            f"as in {DATA}, are needed.",
+            f"as in {contents.places.data}, are needed.",
         )
     _check_real(contents, key)
 
 
 def check_angles(contents: Contents) -> None:
-    """Check that there is one finite number for each projection."""
+    """Check that the angles are a list of numbers."""
     angles, name, key = contents.angles, contents.path.name, contents.angles_from
-    n = contents.datasets[DATA].shape[0]
     if angles is None or angles.dtype.kind not in "iuf":
-        dtype = None if angles is None else angles.dtype
-        raise ScanError(name, f"{key} holds values of type {dtype}; numbers are needed.")
+        held = "nothing that can be read" if angles is None else _called(angles.dtype)
+        raise ScanError(name, f"{key} holds {held}; real numbers are needed.")
     if angles.ndim != 1:
         raise ScanError(name, f"{key} has the shape {angles.shape}; one dimension is needed.")
-    if len(angles) != n:
-        raise ScanError(
-            name,
-            f"{key} holds {len(angles)} angles for {n} projections in {DATA}; "
-            "one per projection is needed.",
-            "Find the missing or extra frame, and repair theta.",
-        )
-    if not np.isfinite(angles).all():
-        bad = np.flatnonzero(~np.isfinite(angles))
-        raise ScanError(
-            name,
-            f"{key} holds {len(bad)} angles that are NaN or infinite, the first at frame "
-            f"{bad[0]}; finite angles are needed.",
-            "Repair theta.",
-        )
 
 
 def check_beam(contents: Contents) -> None:
     """Check that the beam is parallel as far as this detector can tell."""
-    why = contents.beam.why_divergent(contents.datasets[DATA].shape[-1])
+    why = contents.beam.why_divergent(contents.data.shape[-1])
     if why is not None:
         raise ScanError(
             contents.path.name,
@@ -175,37 +169,53 @@ CHECKS: tuple[Callable[[Contents], None], ...] = (
 
 
 def recorded_angles(contents: Contents, asked: Units) -> Floats:
-    """Return the recorded angles (n,) in unwrapped radians, or say why they cannot be used.
+    """Return the recorded angles (a,) in unwrapped radians; what is no number stays none.
 
     Raises
     ------
     ScanError
-        For angles that stand still, repeat, or span too short an arc, and for unknown units.
+        For unknown units, or where there is no number at all.
     """
     name = contents.path.name
     stored = np.asarray(contents.angles, np.float64)
-    unit = decide_units(stored, contents.units, asked, name)
-    theta = to_radians(stored, unit)
-    check_moves(theta, name)
+    finite = np.isfinite(stored)
+    if len(stored) == contents.data.shape[0]:
+        finite[contents.besides] = False  # where the stage stood for a flat does not matter
+    if not finite.any():
+        found = f"{contents.angles_from} holds no finite angle of {len(stored)}."
+        raise ScanError(name, found, "Restore theta from the planned angles.")
+    unit = decide_units(stored[finite], contents.units, asked, name)
+    theta = np.full(len(stored), np.nan)
+    theta[finite] = to_radians(stored[finite], unit)
     return theta
 
 
-def check_moves(theta: Floats, name: str) -> None:
-    """Check that the stage turns: no angle twice, and an arc long enough to see it.
+def check_moves(theta: Floats, frames: Integers, contents: Contents) -> None:
+    """Check that the stage turns: finite angles, none twice, an arc long enough to see it.
 
     Parameters
     ----------
     theta
         (n,) radians, unwrapped; a full turn apart is not the same angle.
-    name
-        What messages call the scan.
+    frames
+        (n,) where they are in the file.
+    contents
+        What is in the file, for messages.
 
     Raises
     ------
     ScanError
         If it does not.
     """
-    degrees = np.degrees(theta)
+    name, degrees = contents.path.name, np.degrees(theta)
+    bad = frames[~np.isfinite(degrees)]
+    if len(bad):
+        raise ScanError(
+            name,
+            f"{contents.angles_from} holds {len(bad)} angles that are NaN or infinite, the first "
+            f"at frame {bad[0]}; finite angles are needed.",
+            f"Repair theta{_or_drop(bad)}.",
+        )
     span = float(np.ptp(degrees))
     if span == 0:
         raise ScanError(
@@ -216,11 +226,13 @@ def check_moves(theta: Floats, name: str) -> None:
     values, first, counts = np.unique(degrees, return_index=True, return_counts=True)
     if (counts > 1).any():
         again = int(np.argmax(counts > 1))
+        repeats = np.setdiff1d(frames, frames[first])
         raise ScanError(
             name,
             f"{(counts > 1).sum()} angles occur more than once, the first ({values[again]:.6g} "
-            f"degrees, {counts[again]} times) at frame {first[again]}; each angle once is needed.",
-            "Average or drop repeated frames, or repair theta.",
+            f"degrees, {counts[again]} times) at frame {frames[first[again]]}; each angle once "
+            "is needed.",
+            f"Average repeated frames, or repair theta{_or_drop(repeats)}.",
         )
     if span < MIN_SPAN_DEG:
         raise ScanError(
@@ -230,8 +242,7 @@ def check_moves(theta: Floats, name: str) -> None:
         )
 
 
-def frames_in(facts: DatasetFacts | None) -> int:
-    """Count the frames of flats or darks; a single one may be stored without its own axis."""
-    if facts is None:
-        return 0
-    return facts.shape[0] if len(facts.shape) == 3 else 1
+def _or_drop(frames: Integers) -> str:
+    """Name the option that leaves `frames` out, unless there are too many to be read."""
+    named = spans(frames)
+    return f", or pass --drop-frames {named}" if len(named) <= MOST_NAMED else ""

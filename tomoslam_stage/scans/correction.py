@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from tomoslam_stage.errors import ScanError
-from tomoslam_stage.scans.selection import BLOCK_PIXELS, filled
+from tomoslam_stage.scans.selection import BLOCK_PIXELS, filled, gather
 
 if TYPE_CHECKING:
+    from h5py import File
     from numpy.typing import NDArray
 
     from tomoslam_stage.products import Floats, Integers, Pixels, Values
+    from tomoslam_stage.scans.contents import Contents, References
 
 LEAST_TRANSMISSION = 1e-4
 """Pixels darker than this count as just this dark: a line integral of 9.2, not infinity."""
@@ -57,7 +59,7 @@ class Counts:
     kind: ClassVar[Values] = "counts"
 
     positions: Floats
-    """(g,) projections taken before each group of flats; increasing."""
+    """(g,) frames of the data taken before each group of flats; increasing."""
     beams: Pixels
     """(g, rows, columns) mean flat of each group minus the dark."""
     dark: Pixels
@@ -97,39 +99,36 @@ def _minus_log(transmission: Pixels) -> Pixels:
     return filled(transmission)
 
 
-def read_counts(
-    flats: Any, darks: Any | None, flat_positions: tuple[int, ...], name: str
-) -> Counts:
-    """Average flats and darks.
-
-    Parameters
-    ----------
-    flats, darks
-        (f, rows, columns), or (rows, columns): h5py datasets or arrays.
-    flat_positions
-        (f,) projections taken before each flat.
-    name
-        What messages call the scan.
+def read_counts(contents: Contents, file: File) -> Counts:
+    """Average the flats, of which there are some, and the darks of an open file.
 
     Raises
     ------
     ScanError
         If the flats are no brighter than the darks.
     """
-    positions = np.unique(flat_positions)
-    groups = [np.flatnonzero(np.asarray(flat_positions) == p) for p in positions]
-    means = np.stack([average(flats, group) for group in groups])
-    dark = np.zeros_like(means[0]) if darks is None else average(darks)
+    positions = np.unique(contents.flat_positions)
+    groups = [np.flatnonzero(np.asarray(contents.flat_positions) == p) for p in positions]
+    means = np.stack([_mean(contents.flats, file, group) for group in groups])
+    dark = np.zeros_like(means[0]) if contents.darks is None else _mean(contents.darks, file)
     beams = means - dark
     typical = float(np.median(beams[np.isfinite(beams)])) if np.isfinite(beams).any() else np.nan
     if not typical > 0:
         raise ScanError(
-            name,
+            contents.path.name,
             f"the median of the flats minus the darks is {typical:.4g} counts; "
             "flats brighter than the darks are needed.",
             "Check which of the two the beam was off for, or pass --set load_scan.kind=...",
         )
     return Counts(positions.astype(np.float64), beams, dark, typical)
+
+
+def _mean(some: References | None, file: File, group: Integers | None = None) -> Pixels:
+    """(rows, columns) mean of a `group` of flats or darks, or of all."""
+    if some is None:
+        raise ValueError("there are none")
+    chosen = group if some.frames is None else some.frames[slice(None) if group is None else group]
+    return average(file[some.place], chosen)
 
 
 def average(frames: Any, chosen: Integers | None = None) -> Pixels:
@@ -147,12 +146,11 @@ def average(frames: Any, chosen: Integers | None = None) -> Pixels:
     if len(frames.shape) == 2:
         return np.asarray(frames[()], np.float32)
     use = np.arange(frames.shape[0]) if chosen is None else chosen
-    first, last = int(use[0]), int(use[-1]) + 1
     rows, columns = frames.shape[1:]
     out = np.empty((rows, columns), np.float32)
-    height = max(1, BLOCK_PIXELS // ((last - first) * columns))
+    height = max(1, BLOCK_PIXELS // (len(use) * columns))
     for top in range(0, rows, height):
-        block = np.asarray(frames[first:last, top : top + height, :], np.float32)[use - first]
+        block = gather(frames, use, np.arange(top, min(top + height, rows)))
         if len(use) >= 5:
             block = np.sort(block, axis=0)[1:-1]
         out[top : top + height] = block.mean(axis=0, dtype=np.float64)

@@ -24,6 +24,11 @@ class JournalError(Exception):
     """A journal that is damaged, or that is not this file's."""
 
 
+def draft_of(place: Path) -> Path:
+    """Where a journal is written before it is complete and called `place`."""
+    return place.with_name(f"{place.name}-new")
+
+
 class Overlay:
     """A file object over a descriptor that keeps every write to itself.
 
@@ -122,7 +127,7 @@ class Journal:
         body = b"".join(old + new for old, new in self.pages.values())
         header = {"old_size": self.old_size, "new_size": self.new_size, "pages": [*self.pages]}
         head = json.dumps(header | {"sha256": hashlib.sha256(body).hexdigest()}).encode()
-        draft = place.with_name(f"{place.name}-new")
+        draft = draft_of(place)
         try:
             draft.unlink(missing_ok=True)
             with draft.open("xb") as file:

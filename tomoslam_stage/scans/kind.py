@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from tomoslam_stage.errors import ScanError, nearest
-from tomoslam_stage.scans.checks import frames_in
 from tomoslam_stage.scans.correction import LineIntegrals, Transmission, read_counts
-from tomoslam_stage.scans.dxchange import DARKS, DATA, FLATS
 from tomoslam_stage.scans.selection import gather
 
 if TYPE_CHECKING:
     from h5py import File
 
     from tomoslam_stage.products import Conversion, Pixels
+    from tomoslam_stage.scans.contents import Contents
     from tomoslam_stage.scans.correction import Counts
-    from tomoslam_stage.scans.dxchange import Contents
 
 Kind: TypeAlias = Literal["auto", "counts", "transmission", "line_integrals"]
 
@@ -46,7 +44,7 @@ def choose_conversion(contents: Contents, file: File, asked: Kind) -> Conversion
     if kind == "counts":
         return _with_flats(contents, file)
     if kind == "transmission":
-        air = air_level(sample(file[DATA]))
+        air = air_level(_sampled(contents, file))
         log.info("%s: transmission of air is taken as %.4g", name, air)
         return Transmission(air)
     return LineIntegrals()
@@ -59,39 +57,46 @@ def _decide(contents: Contents, file: File, asked: Kind) -> tuple[Kind, str]:
     if asked == "counts" and contents.flats is None:
         raise ScanError(
             name,
-            f"counts need flats, and {FLATS} {contents.absent.get(FLATS, 'is empty')}.",
+            f"counts need flats, and {_no_flats(contents)}.",
             "Add flats, or pass --set load_scan.kind=transmission.",
         )
     if asked != "auto":
         return asked, "asked for"
     if contents.flats is not None:
-        return "counts", f"there are {frames_in(contents.flats)} flats"
-    return decide_by_values(sample(file[DATA]), name)
+        return "counts", f"there are {contents.flats.n_frames} flats"
+    return decide_by_values(_sampled(contents, file), contents)
 
 
 def _with_flats(contents: Contents, file: File) -> Counts:
-    darks = None if contents.darks is None else file[DARKS]
-    counts = read_counts(file[FLATS], darks, contents.flat_positions, contents.path.name)
+    counts = read_counts(contents, file)
     log.info(
         "%s: %d flats (%s), %d darks, median beam %.4g counts",
         contents.path.name,
-        frames_in(contents.flats),
+        contents.flats.n_frames if contents.flats else 0,
         "one group" if len(counts.positions) == 1 else "interpolated along the scan",
-        frames_in(contents.darks),
+        contents.darks.n_frames if contents.darks else 0,
         counts.typical_beam,
     )
     return counts
 
 
-def sample(data: Any) -> Pixels:
+def _no_flats(contents: Contents) -> str:
+    """Say in which way there are none."""
+    place = contents.places.flats
+    if not place:
+        return f"no frame of {contents.places.data} is called one"
+    return f"{place} {contents.absent.get(place, 'is empty')}"
+
+
+def _sampled(contents: Contents, file: File) -> Pixels:
     """Read a few projections and rows (p, r, c), unconverted."""
-    n, rows, _ = data.shape
-    projections = np.unique(np.linspace(0, n - 1, SAMPLED_PROJECTIONS).astype(np.intp))
+    frames, rows = contents.frames, contents.data.shape[1]
+    some = np.unique(np.linspace(0, len(frames) - 1, SAMPLED_PROJECTIONS).astype(np.intp))
     chosen = np.unique(np.linspace(0, rows - 1, SAMPLED_ROWS).astype(np.intp))
-    return gather(data, projections, chosen)
+    return gather(file[contents.places.data], frames[some], chosen)
 
 
-def decide_by_values(values: Pixels, name: str) -> tuple[Kind, str]:
+def decide_by_values(values: Pixels, contents: Contents) -> tuple[Kind, str]:
     """Tell transmission from line integrals, where there are no flats.
 
     Beside the object transmission is at its highest, a line integral at its lowest.
@@ -100,23 +105,24 @@ def decide_by_values(values: Pixels, name: str) -> tuple[Kind, str]:
     ----------
     values
         (p, r, c) some of the scan, unconverted.
-    name
-        What messages call the scan.
+    contents
+        What is in the file, for messages.
 
     Raises
     ------
     ScanError
         If they can be neither.
     """
+    name, data = contents.path.name, contents.places.data
     finite = values[np.isfinite(values)]
     if finite.size == 0:
-        raise ScanError(name, f"{DATA} holds no finite value where it was looked at.")
+        raise ScanError(name, f"{data} holds no finite value where it was looked at.")
     low, high = np.percentile(finite, [0.5, 99.5])
     if high > MOST_INTEGRAL:
         raise ScanError(
             name,
-            f"{DATA} holds values up to {high:.4g}, which are counts, but there are no flats "
-            f"in {FLATS}; they are needed.",
+            f"{data} holds values up to {high:.4g}, which are counts, but there are no flats "
+            f"in {contents.places.flats or data}; they are needed.",
             "Add flats, or pass --set load_scan.kind=transmission.",
         )
     between = f"they lie between {low:.3g} and {high:.3g}"

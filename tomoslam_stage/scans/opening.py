@@ -5,27 +5,26 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
 from tomoslam_stage.errors import ScanError
 from tomoslam_stage.products import Raw, Scan, Truth
-from tomoslam_stage.scans.checks import check, frames_in, problems, recorded_angles
-from tomoslam_stage.scans.dxchange import (
-    DARKS,
-    DATA,
-    FLATS,
-    RECORDED,
-    TRUE_AXIS,
-    TRUE_THETA,
-    Contents,
-    DatasetFacts,
-    open_file,
-    read_contents,
-)
+from tomoslam_stage.scans.checks import check, problems, recorded_angles
+from tomoslam_stage.scans.dxchange import TRUE_AXIS, TRUE_SHIFT, TRUE_THETA
+from tomoslam_stage.scans.files import open_file
 from tomoslam_stage.scans.kind import choose_conversion
-from tomoslam_stage.scans.sources import ArraySource, FileSource, binned
+from tomoslam_stage.scans.layouts import read_contents
+from tomoslam_stage.scans.pairing import Choice
+from tomoslam_stage.scans.projections import Projections, projections
+from tomoslam_stage.scans.sources import (
+    ArraySource,
+    ChosenSource,
+    ConvertedSource,
+    FileSource,
+    binned,
+)
 from tomoslam_stage.scans.strings import read_units
 from tomoslam_stage.scans.theta import to_radians
 from tomoslam_stage.scans.transaction import recover
@@ -33,22 +32,31 @@ from tomoslam_stage.scans.transaction import recover
 if TYPE_CHECKING:
     from h5py import File
 
-    from tomoslam_stage.products import ProjectionSource
+    from tomoslam_stage.products import Conversion, Integers, ProjectionSource
+    from tomoslam_stage.scans.contents import Contents, References
     from tomoslam_stage.scans.kind import Kind
     from tomoslam_stage.scans.theta import Units
 
 log = logging.getLogger("tomoslam_stage")
 
 
-def open_scan(
-    path: Path,
-    *,
-    kind: Kind = "auto",
-    units: Units = "auto",
-    parallel: bool = False,
-    binning: int = 1,
-) -> Scan:
-    """Open a DXchange scan; its projections are read when they are asked for.
+class Asked(TypedDict, total=False):
+    """What may be asked for when a scan is opened; each has a default."""
+
+    kind: Kind
+    """What the data hold; ``auto`` decides by what is there."""
+    units: Units
+    """Of theta; ``auto`` believes the file, and guesses with a warning where it is silent."""
+    parallel: bool
+    """Take the beam for parallel, whatever distances the file holds."""
+    binning: int
+    """Detector pixels averaged along rows and along columns."""
+    frames: Choice
+    """Which frames are used, and which angles have none."""
+
+
+def open_scan(path: Path, **asked: Unpack[Asked]) -> Scan:
+    """Open a DXchange or NXtomo scan; its projections are read when they are asked for.
 
     Where an earlier run wrote refined angles, the recorded ones are taken again.
 
@@ -56,21 +64,16 @@ def open_scan(
     ----------
     path
         The file; it is only ever read.
-    kind
-        What ``/exchange/data`` holds; ``auto`` decides by what is there.
-    units
-        Of theta; ``auto`` believes the file, and guesses with a warning where it is silent.
-    parallel
-        Take the beam for parallel, whatever distances the file holds.
-    binning
-        Detector pixels averaged along rows and along columns.
+    asked
+        See `Asked`.
 
     Raises
     ------
     ScanError
         If the scan cannot be used; the message says what was found and what is needed.
     """
-    return binned(_opened(Path(path), kind, units, parallel)[0], binning)
+    opened = _opened(Path(path), asked)
+    return binned(_only(opened.scan, opened.used), asked.get("binning", 1))
 
 
 def open_as_stored(path: Path) -> Scan:
@@ -78,20 +81,54 @@ def open_as_stored(path: Path) -> Scan:
 
     What it takes to make line integrals of them is in `Scan.raw`.
     """
-    return _as_stored(*_opened(Path(path), "auto", "auto", False))
+    opened = _opened(Path(path), {})
+    return _only(_as_stored(opened.scan, opened.contents), opened.used)
 
 
-def _opened(path: Path, kind: Kind, units: Units, parallel: bool) -> tuple[Scan, Contents]:
+class _Opened(NamedTuple):
+    """A file that passed all checks."""
+
+    scan: Scan
+    """All of its frames."""
+    contents: Contents
+    used: Projections
+    """Which of the frames are used."""
+
+
+def _opened(path: Path, asked: Asked) -> _Opened:
     recover(path)
     with open_file(path) as file:
         contents = read_contents(file, path)
-        check(contents, parallel=parallel)
-        theta = recorded_angles(contents, units)
-        conversion = choose_conversion(contents, file, kind)
-    n, rows, columns = contents.datasets[DATA].shape
-    _log_angles(contents, np.degrees(theta))
-    source = FileSource(path, (n, rows, columns), conversion)
-    return Scan(source, theta, np.arange(n), name=path.name, path=path), contents
+        check(contents, parallel=asked.get("parallel", False))
+        theta = recorded_angles(contents, asked.get("units", "auto"))
+        conversion = choose_conversion(contents, file, asked.get("kind", "auto"))
+    source = _source(contents, conversion)
+    n = source.shape[0]
+    frames = ConvertedSource(replace(source, conversion=None), conversion)
+    used = projections(contents, theta, frames, asked.get("frames", Choice()))
+    scan = Scan(source, used.theta_of_frames, np.arange(n), name=path.name, path=path)
+    _log_angles(contents, np.degrees(used.theta_of_frames[used.frames]))
+    return _Opened(scan, contents, used)
+
+
+def _source(contents: Contents, conversion: Conversion | None) -> FileSource:
+    """All frames of the data, as line integrals or as they are stored."""
+    n, rows, columns = contents.data.shape
+    return FileSource(contents.path, (n, rows, columns), conversion, contents.places.data)
+
+
+def _only(scan: Scan, used: Projections) -> Scan:
+    """Return `scan` with the frames that are used."""
+    if len(used.frames) == scan.n_projections:
+        return scan
+    return replace(
+        scan,
+        source=ChosenSource(scan.source, used.frames),
+        theta=used.theta_of_frames[used.frames],
+        frames=used.frames,
+        theta_of_frames=used.theta_of_frames,
+        left_out=used.left_out,
+    )
 
 
 def _as_stored(scan: Scan, contents: Contents) -> Scan:
@@ -100,25 +137,26 @@ def _as_stored(scan: Scan, contents: Contents) -> Scan:
         return scan
     if source.conversion.kind == "line_integrals":
         return scan
-    flats = _frames(source.path, FLATS, contents.flats)
-    darks = _frames(source.path, DARKS, contents.darks)
+    flats = _frames(source.path, contents.flats)
+    darks = _frames(source.path, contents.darks)
     raw = Raw(source.conversion, flats, darks)
     return replace(scan, source=replace(source, conversion=None), raw=raw)
 
 
-def _frames(path: Path, key: str, facts: DatasetFacts | None) -> ProjectionSource | None:
-    if facts is None:
+def _frames(path: Path, some: References | None) -> ProjectionSource | None:
+    if some is None:
         return None
-    if len(facts.shape) == 3:
-        frames, rows, columns = facts.shape
-        return FileSource(path, (frames, rows, columns), None, key)
+    if len(some.shape) == 3:
+        frames, rows, columns = some.shape
+        whole = FileSource(path, (frames, rows, columns), None, some.place)
+        return whole if some.frames is None else ChosenSource(whole, some.frames)
     with open_file(path) as file:
-        return ArraySource(file[key][()][None])
+        return ArraySource(file[some.place][()][None])
 
 
 def _log_angles(contents: Contents, degrees: Any) -> None:
     if contents.refined:
-        log.info("%s: starting again from %s", contents.path.name, RECORDED)
+        log.info("%s: starting again from %s", contents.path.name, contents.angles_from)
     log.info(
         "%s: %d projections over %.6g degrees, median step %.4g degrees",
         contents.path.name,
@@ -138,7 +176,11 @@ def describe_scan(path: Path) -> dict[str, Any]:
     with open_file(path) as file:
         contents = read_contents(file, path)
         wrong = list(problems(contents))
-        facts: dict[str, Any] = {"file": path.name, "layout": "DXchange", "recovered": recovered}
+        facts: dict[str, Any] = {
+            "file": path.name,
+            "layout": contents.layout.name,
+            "recovered": recovered,
+        }
         facts |= _detector_facts(contents)
         if not wrong:
             facts |= _checked_facts(contents, file, wrong)
@@ -146,13 +188,13 @@ def describe_scan(path: Path) -> dict[str, Any]:
 
 
 def _detector_facts(contents: Contents) -> dict[str, Any]:
-    data = contents.datasets.get(DATA)
+    data = contents.datasets.get(contents.places.data)
     return {
         "shape": None if data is None else list(data.shape),
         "dtype": None if data is None else str(data.dtype),
         "chunks": None if data is None or data.chunks is None else list(data.chunks),
-        "flats": frames_in(contents.flats),
-        "darks": frames_in(contents.darks),
+        "flats": contents.flats.n_frames if contents.flats else 0,
+        "darks": contents.darks.n_frames if contents.darks else 0,
         "flat_groups": len(set(contents.flat_positions)) if contents.flats else 0,
         "theta_units": contents.units,
         "refined": contents.refined,
@@ -163,14 +205,19 @@ def _detector_facts(contents: Contents) -> dict[str, Any]:
 def _checked_facts(contents: Contents, file: File, wrong: list[str]) -> dict[str, Any]:
     """Add what only a sound scan can tell; what goes wrong on the way is added to `wrong`."""
     try:
-        degrees = np.degrees(recorded_angles(contents, "auto"))
-        kind = choose_conversion(contents, file, "auto").kind
+        theta = recorded_angles(contents, "auto")
+        conversion = choose_conversion(contents, file, "auto")
+        stored = _source(contents, None)
+        used = projections(contents, theta, ConvertedSource(stored, conversion), Choice())
     except ScanError as error:
         wrong.append(str(error))
         return {}
+    degrees = np.degrees(used.theta_of_frames[used.frames])
     steps = np.diff(degrees)
     return {
-        "kind": kind,
+        "kind": conversion.kind,
+        "projections": len(used.frames),
+        "frames_left_out": [f"{frame}: {why}" for frame, why in used.left_out.items()],
         "first_deg": float(degrees[0]),
         "last_deg": float(degrees[-1]),
         "span_deg": float(np.ptp(degrees)),
@@ -179,12 +226,36 @@ def _checked_facts(contents: Contents, file: File, wrong: list[str]) -> dict[str
     }
 
 
-def read_truth(path: Path) -> Truth | None:
-    """Read the true angles of a simulated scan; None for a real one. For the report alone."""
-    with open_file(Path(path)) as file:
+def read_truth(path: Path, frames: Integers | None = None) -> Truth | None:
+    """Read the true angles of a simulated scan; None for a real one. For the report alone.
+
+    Of some `frames` (n,) only, where these are given.
+    """
+    import h5py
+
+    path = Path(path)
+    with open_file(path) as file:
         if TRUE_THETA not in file:
             return None
-        stored = file[TRUE_THETA]
+        stored, axis = file[TRUE_THETA], file.get(TRUE_AXIS)
+        n = read_contents(file, path).data.shape[0]
+        if not _one_each(stored, n):
+            log.warning("%s: %s is not one angle for each projection", path.name, TRUE_THETA)
+            return None
         unit = "rad" if (read_units(stored) or "deg").lower().startswith("rad") else "deg"
-        axis = float(file[TRUE_AXIS][()]) if TRUE_AXIS in file else None
-        return Truth(to_radians(np.asarray(stored[()], np.float64), unit), axis)
+        known = isinstance(axis, h5py.Dataset) and axis.shape == () and axis.dtype.kind in "iuf"
+        theta = to_radians(np.asarray(stored[()], np.float64), unit)
+        some = np.arange(n) if frames is None else frames
+        shift = file.get(TRUE_SHIFT)
+        return Truth(
+            theta[some],
+            float(axis[()]) if known else None,
+            np.asarray(shift[()], np.float64)[some] if _one_each(shift, n) else None,
+        )
+
+
+def _one_each(stored: Any, n: int) -> bool:
+    """Whether what is `stored` is a dataset of one number for each of `n` projections."""
+    import h5py
+
+    return isinstance(stored, h5py.Dataset) and stored.shape == (n,) and stored.dtype.kind in "iuf"

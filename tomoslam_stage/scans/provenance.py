@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from tomoslam_stage.scans.dxchange import ACTOR, TABLE
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from h5py import File, Group
+
+    from tomoslam_stage.products import Floats
+    from tomoslam_stage.scans.contents import Places
 
 COLUMNS = ("actor", "start_time", "end_time", "status", "message", "reference", "description")
 DESCRIPTION = "rotation angle refinement"
@@ -38,20 +39,25 @@ class ProcessRecord:
     """ISO 8601."""
     message: str = "theta refined"
     """One line for the table."""
+    shift_px: Floats | None = None
+    """(n,) px of the detector that each projection lies to the right, where some were found to."""
 
 
-def write_actor(file: File, record: ProcessRecord) -> None:
-    """Write parameters and versions, as JSON for programs and one by one for readers."""
-    actor = file.require_group(ACTOR)
-    for name in ("parameters", "versions", "settings"):
-        if name in actor:
-            del actor[name]
-    actor["parameters"] = json.dumps(record.parameters, default=str, sort_keys=True)
-    actor["versions"] = json.dumps(record.versions, sort_keys=True)
-    settings = actor.create_group("settings")
+def write_actor(file: File, actor: str, record: ProcessRecord) -> None:
+    """Write parameters and versions, as JSON for programs and one by one for readers; shifts."""
+    group = file.require_group(actor)
+    for name in ("parameters", "versions", "settings", "shift_px"):
+        if name in group:
+            del group[name]
+    group["parameters"] = json.dumps(record.parameters, default=str, sort_keys=True)
+    group["versions"] = json.dumps(record.versions, sort_keys=True)
+    settings = group.create_group("settings")
     for name, value in _leaves(record.parameters):
         settings[name] = value
-    actor.attrs["start_time"], actor.attrs["end_time"] = record.started, record.ended
+    if record.shift_px is not None:
+        group["shift_px"] = record.shift_px
+        group["shift_px"].attrs["units"] = "pixel"
+    group.attrs["start_time"], group.attrs["end_time"] = record.started, record.ended
 
 
 def _leaves(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -66,33 +72,34 @@ def _leaves(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[s
             yield name, json.dumps(value, default=str)
 
 
-def append_row(file: File, record: ProcessRecord) -> None:
+def append_row(file: File, places: Places, record: ProcessRecord) -> None:
     """Append one SUCCESS row to the table; to one of ours if the file's has another shape."""
     row = {
-        "actor": ACTOR.rsplit("/", 1)[-1],
+        "actor": places.actor.rsplit("/", 1)[-1],
         "start_time": record.started,
         "end_time": record.ended,
         "status": "SUCCESS",
         "message": record.message,
-        "reference": ACTOR,
+        "reference": places.actor,
         "description": DESCRIPTION,
     }
-    table = _table(file)
+    table = _table(file, places)
     for column, value in row.items():
         growing = table[column]
         growing.resize(growing.shape[0] + 1, axis=0)
         growing[-1] = value
 
 
-def _table(file: File) -> Group:
+def _table(file: File, places: Places) -> Group:
     """Return a table that a row fits into, making one where there is none."""
-    for place in (TABLE, f"{ACTOR}/table"):
+    own = f"{places.actor}/table"
+    for place in (places.table, own):
         if place not in file:
             return _new_table(file, place)
         if _grows(file[place]):
             return file[place]
-    del file[f"{ACTOR}/table"]
-    return _new_table(file, f"{ACTOR}/table")
+    del file[own]
+    return _new_table(file, own)
 
 
 def _new_table(file: File, place: str) -> Group:

@@ -34,7 +34,7 @@ def gather(
     Parameters
     ----------
     array
-        (n, r, c); anything with ``shape`` and slices: an h5py dataset, a numpy array.
+        (n, r, c); anything with ``shape`` and slices: an h5py dataset, a numpy or dask array.
     projections, rows
         Indices in any order, repeats allowed.
     convert
@@ -45,7 +45,7 @@ def gather(
     kept_rows, rows_back = np.unique(rows, return_inverse=True)
     _check_inside(wanted, array.shape[0], "projections")
     _check_inside(kept_rows, array.shape[1], "rows")
-    chunk = getattr(array, "chunks", None) or (1, NEAR_ROWS, 1)
+    chunk = _chunk(array)
     bands = list(pieces(kept_rows, chunk[1], array.shape[1]))
     height = max((np.ptp(kept_rows[band]) + 1 for band in bands), default=1)
     longest = max(chunk[0], BLOCK_PIXELS // (int(height) * array.shape[2]))
@@ -79,13 +79,19 @@ def pieces(indices: Integers, gap: int, longest: int) -> Iterator[slice]:
             start = i
 
 
+def _chunk(array: Any) -> tuple[int, ...]:
+    """Shape of what is read at once; dask has its own word for it, and chunks that differ."""
+    own = getattr(array, "chunksize", None) or getattr(array, "chunks", None)
+    return own or (1, NEAR_ROWS, 1)
+
+
 def _read(array: Any, projections: Integers, rows: Integers, bands: list[slice]) -> Pixels:
     """Read the block of (near neighbouring) projections as float32, one band of rows a time."""
     first, last = int(projections[0]), int(projections[-1]) + 1
     raw = np.empty((len(projections), len(rows), array.shape[2]), np.float32)
     for band in bands:
         low, high = int(rows[band][0]), int(rows[band][-1]) + 1
-        block: NDArray[Any] = array[first:last, low:high, :]
+        block: NDArray[Any] = np.asarray(array[first:last, low:high, :])
         raw[:, band] = block[np.ix_(projections - first, rows[band] - low)]
     return raw
 

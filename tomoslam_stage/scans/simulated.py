@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tomoslam_stage.errors import ScanError
 from tomoslam_stage.products import Floats
+from tomoslam_stage.progress import progress
 from tomoslam_stage.scans.dxchange import (
     DARKS,
     DATA,
@@ -20,12 +21,15 @@ from tomoslam_stage.scans.dxchange import (
     FRAME_LOCATION,
     THETA,
     TRUE_AXIS,
+    TRUE_SHIFT,
     TRUE_THETA,
 )
 from tomoslam_stage.scans.fresh import fresh_file
 
 if TYPE_CHECKING:
     from h5py import File
+
+    from tomoslam_stage.simulation import SimulatedScan
 
 
 @dataclass(frozen=True)
@@ -44,10 +48,27 @@ class ScanContent:
     """(n,) degrees."""
     true_axis_px: float | None = None
     """Detector column."""
+    true_shift_px: Floats | None = None
+    """(n,) px to the right of each projection."""
     flats_after: int = 0
     """How many of the flats, the last ones, were taken after the projections."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """How the scan was made: plain values."""
+
+
+def write_simulated(path: Path, made: SimulatedScan) -> None:
+    """Write a simulated scan with the truth about it, see `create_scan`."""
+    content = ScanContent(
+        projections=progress(made.projections(), "simulating", made.shape[0]),
+        flats=made.whites,
+        darks=made.darks,
+        theta_deg=np.degrees(made.theta_recorded),
+        true_theta_deg=np.degrees(made.theta_true),
+        true_axis_px=made.axis,
+        true_shift_px=made.shift if made.recipe.shift_px else None,
+        parameters=made.recipe.described(),
+    )
+    create_scan(path, content)
 
 
 def create_scan(path: Path, content: ScanContent) -> None:
@@ -94,6 +115,8 @@ def _write_truth(file: File, content: ScanContent) -> None:
         _write_degrees(file, TRUE_THETA, content.true_theta_deg)
     if content.true_axis_px is not None:
         file[TRUE_AXIS] = float(content.true_axis_px)
+    if content.true_shift_px is not None:
+        file[TRUE_SHIFT] = content.true_shift_px
     file["/simulation/parameters"] = json.dumps(dict(content.parameters), sort_keys=True)
 
 

@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from tomoslam_stage.errors import PipelineError, ScanError
+from tomoslam_stage.frames import OfFrames, of_all_frames, shift_in_file
 from tomoslam_stage.products import Raw, Scan
 from tomoslam_stage.scans.correction import LineIntegrals, Transmission
-from tomoslam_stage.scans.dxchange import DATA, open_file
+from tomoslam_stage.scans.dxchange import DATA
+from tomoslam_stage.scans.files import open_file
 from tomoslam_stage.scans.selection import BLOCK_PIXELS, gather
+from tomoslam_stage.scans.theta import MOST_TURNS_RAD
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,12 +52,7 @@ class FileSource:
             If the file cannot be read any more.
         """
         with open_file(self.path) as file:
-            try:
-                return gather(file[self.dataset], projections, rows, self.conversion)
-            except OSError as error:
-                found = f"reading {self.dataset} failed ({error})."
-                remedy = "The file is damaged, or its disk is; copy it again from its source."
-                raise ScanError(self.path.name, found, remedy) from error
+            return gather(file[self.dataset], projections, rows, self.conversion)
 
 
 @dataclass(frozen=True)
@@ -63,6 +61,8 @@ class ConvertedSource:
 
     source: ProjectionSource
     conversion: Conversion
+    frames: Integers | None = None
+    """(n,) index of each projection in the file, as the conversion counts; None: its own."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -71,8 +71,35 @@ class ConvertedSource:
 
     def read(self, projections: Integers, rows: Integers) -> Pixels:
         """Return line integrals (projection, row, column), float32 and finite."""
-        chosen = np.asarray(projections), np.asarray(rows)
-        return self.conversion(self.source.read(*chosen), *chosen)
+        some, rows = np.asarray(projections), np.asarray(rows)
+        return self.converted(self.source.read(some, rows), some, rows)
+
+    def converted(self, raw: Pixels, some: Integers, rows: Integers) -> Pixels:
+        """Make line integrals of what is stored (p, r, c); it may be changed in place."""
+        return self.conversion(raw, some if self.frames is None else self.frames[some], rows)
+
+    def only(self, chosen: Integers) -> ConvertedSource:
+        """Return some of the projections."""
+        frames = chosen if self.frames is None else self.frames[chosen]
+        return ConvertedSource(ChosenSource(self.source, chosen), self.conversion, frames)
+
+
+@dataclass(frozen=True)
+class ChosenSource:
+    """Some of the projections of another source."""
+
+    source: ProjectionSource
+    chosen: Integers
+    """(n,) their numbers in `source`."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Projections, rows, columns."""
+        return len(self.chosen), *self.source.shape[1:]
+
+    def read(self, projections: Integers, rows: Integers) -> Pixels:
+        """Return values (projection, row, column), float32, of those chosen."""
+        return self.source.read(self.chosen[np.asarray(projections)], rows)
 
 
 @dataclass(frozen=True)
@@ -144,6 +171,8 @@ class Stack:
     """
 
     source: ProjectionSource
+    scan: Scan | None = None
+    """What it belongs to, where it is one that was opened."""
     dtype: ClassVar[np.dtype[np.float32]] = np.dtype(np.float32)
     ndim: ClassVar[int] = 3
 
@@ -154,6 +183,22 @@ class Stack:
 
     def __len__(self) -> int:
         return self.shape[0]
+
+    def for_every_frame(self, theta: Floats, sigma: Floats) -> OfFrames:
+        """Return angles (m,) and sigma (m,), radians, for frames that were left out, too.
+
+        See `of_all_frames`; `theta` and `sigma` (n,) are those of the projections.
+        """
+        if self.scan is None:
+            return OfFrames(theta, sigma)
+        return of_all_frames(self.scan, theta, sigma)
+
+    def shift_for_every_frame(self, shift: Floats) -> Floats:
+        """Return shifts (m,), px of the detector, with NaN for frames that were left out.
+
+        See `shift_in_file`; `shift` (n,) is that of the projections, in their px.
+        """
+        return shift if self.scan is None else shift_in_file(self.scan, shift)
 
     def __getitem__(self, index: Any) -> Any:
         """Read what numpy's basic indices name, or lists of projections or rows."""
@@ -178,10 +223,13 @@ def scan_of(projections: Any, theta: Floats) -> Scan:
     Raises
     ------
     ScanError
-        If there is not one finite angle for each projection.
+        If there is not one finite angle for each projection, or these are no radians.
     """
     source = ArraySource(projections)
-    n = source.shape[0]
+    n, turns = source.shape[0], float(np.ptp(theta)) / (2 * np.pi) if theta.size else 0.0
+    if turns > MOST_TURNS_RAD:
+        found = f"radians are needed, and as such these span {turns:.4g} turns."
+        raise ScanError("theta", found, "Pass numpy.radians(theta) if it holds degrees.")
     if theta.shape != (n,) or not np.isfinite(theta).all():
         found = f"{theta.shape} angles for {n} projections; one finite angle each is needed."
         raise ScanError("theta", found)
@@ -192,7 +240,8 @@ def line_integrals(scan: Scan) -> Scan:
     """Return `scan` with a source of line integrals, which may have been its own all along."""
     if scan.raw is None:
         return scan
-    return replace(scan, source=ConvertedSource(scan.source, scan.raw.conversion), raw=None)
+    integrals = ConvertedSource(scan.source, scan.raw.conversion, scan.frames)
+    return replace(scan, source=integrals, raw=None)
 
 
 def prepared(scan: Scan, source: ProjectionSource, values: Values) -> Scan:

@@ -9,7 +9,7 @@ import numpy as np
 
 def read_text(value: object) -> str:
     """Turn a stored string (bytes, str, an array of one, padded with zeros) into str."""
-    flat = np.asarray(value).ravel()
+    flat = np.asarray("" if getattr(value, "shape", ()) is None else value).ravel()
     first = flat[0] if flat.size else ""
     text = first.decode("utf-8", "replace") if isinstance(first, bytes) else str(first)
     return text.strip("\x00 ")

@@ -19,6 +19,8 @@ RADIANS = ("rad", "rads", "radian", "radians")
 
 RADIAN_SPAN = (2.5, 6.5)
 """Spans that are a scan of half to one turn in radians, but hardly any scan in degrees."""
+MOST_TURNS_RAD = 14
+"""A scan of a quarter of a turn, its degrees called radians, spans this many."""
 STEADY_STEP_DEG = 90.0
 """A stage that moves on by less than this from projection to projection goes steadily."""
 
@@ -41,12 +43,25 @@ def decide_units(angles: Floats, stored: str | None, asked: Units, where: str) -
     if unit in DEGREES:
         return "deg"
     if unit in RADIANS:
+        _check_turns(angles, where)
         return "rad"
     raise ScanError(
         where,
         f"theta has the unit {stored!r}; degrees or radians are needed.",
         "Pass --set load_scan.units=deg (or rad).",
     )
+
+
+def _check_turns(angles: Floats, where: str) -> None:
+    """Refuse degrees that are called radians: a turn of 360 would be one of 57 turns."""
+    turns = float(np.ptp(angles)) / (2 * np.pi)
+    if turns > MOST_TURNS_RAD:
+        raise ScanError(
+            where,
+            f"theta has the unit rad, in which it spans {turns:.4g} turns; "
+            f"up to {MOST_TURNS_RAD} are believed unasked.",
+            "Pass --set load_scan.units=deg if it holds degrees, or load_scan.units=rad.",
+        )
 
 
 def _guess(angles: Floats, where: str) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -19,9 +20,11 @@ from tomoslam_stage.simulation.card import Card
 from tomoslam_stage.simulation.detector import Camera, Detector, camera
 from tomoslam_stage.simulation.phantoms import PHANTOMS, Phantom
 from tomoslam_stage.simulation.placing import FIELD_RADIUS
+from tomoslam_stage.simulation.sample_motions import SAMPLE_MOTIONS, SampleMotion
 from tomoslam_stage.simulation.shadows import (
     Frame,
     line_integrals,
+    magnified,
     projection_directions,
     slice_through,
 )
@@ -29,13 +32,22 @@ from tomoslam_stage.simulation.shadows import (
 GOLDEN = (np.sqrt(5) - 1) / 2
 MARGIN = 4.0
 """px kept free at the sides of the detector, for the blur."""
+FARTHEST = 3.0
+"""Standard deviations of the shifts that are kept free there, too."""
 SLICE_DIRECTIONS = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
 """A slice is a picture with columns along X and rows along Z, seen along Y."""
 
 # What each stream of random numbers is for: projections come out the same in any order.
-PATTERN, WHITES, DARKS, ANGLES, PROJECTIONS = range(5)
+PATTERN, WHITES, DARKS, ANGLES, PROJECTIONS, MOTIONS, SHIFTS = range(7)
 
 Order = Literal["sequential", "interlaced", "golden"]
+
+TABLES: Mapping[str, Mapping[str, type[Any]]] = {
+    "angle_errors": ANGLE_ERRORS,
+    "sample_motions": SAMPLE_MOTIONS,
+}
+"""Field of a recipe that lists methods -> where they are named."""
+
 Kind = TypeVar("Kind")
 
 
@@ -64,8 +76,14 @@ class Recipe:
     """px: the axis to the right of the middle of the detector."""
     roll_deg: Annotated[float, Field(gt=-10, lt=10)] = 0.0
     """Tilt of the axis in the detector plane."""
+    shift_px: Annotated[float, Field(ge=0)] = 0.0
+    """px: standard deviation of how far the sample jitters to the right, each projection alone."""
     angle_errors: tuple[AngleError, ...] = (EncoderWalk(),)
     """How the true angles differ from the nominal, recorded ones; they add up."""
+    sample_motions: tuple[SampleMotion, ...] = ()
+    """How the sample moves while it is turned, one after the other."""
+    source_px: Annotated[float, Field(gt=0)] | None = None
+    """px from the source of a cone beam to the axis; a parallel beam where not given."""
     detector: Detector = field(default_factory=Detector)
     """What records it."""
     seed: Annotated[int, Field(ge=0)] = 0
@@ -86,16 +104,17 @@ class Recipe:
         """px: what is nearer to the axis stays in view all the way round, in every row."""
         side = min(self.axis, self.columns - 1 - self.axis) - MARGIN
         leaning = abs(np.sin(np.deg2rad(self.roll_deg))) * (self.rows - 1) / 2
-        return float(side - leaning)
+        return float(side - leaning - FARTHEST * self.shift_px)
 
     def described(self) -> dict[str, Any]:
         """Return the recipe in plain words and numbers, as `recipe_from` reads it."""
         plain = asdict(self)
         plain["phantom"] = {"method": _name(self.phantom, PHANTOMS), **plain["phantom"]}
-        plain["angle_errors"] = [
-            {"method": _name(error, ANGLE_ERRORS), **parameters}
-            for error, parameters in zip(self.angle_errors, plain["angle_errors"], strict=True)
-        ]
+        for key, table in TABLES.items():
+            plain[key] = [
+                {"method": _name(one, table), **parameters}
+                for one, parameters in zip(getattr(self, key), plain[key], strict=True)
+            ]
         return plain
 
 
@@ -113,6 +132,8 @@ class SimulatedScan:
     """(white, row, column) counts of the open beam, taken before the scan."""
     darks: NDArray[np.uint16]
     """(dark, row, column) counts without light."""
+    shift: Floats
+    """(n,) px: how far to the right each projection shows the sample."""
     camera: Camera
     """The detector with its pattern."""
     solids: tuple[Solids, ...]
@@ -141,8 +162,18 @@ class SimulatedScan:
         """(row, column) exact line integrals, without blur and noise, at the true angle."""
         roll = np.deg2rad(self.recipe.roll_deg)
         directions = projection_directions(self.theta_true[index], roll)
-        middle = self.axis, (self.recipe.rows - 1) / 2
-        return line_integrals(self.solids, Frame(directions, middle, self.recipe.shape))
+        middle = self.axis + self.shift[index], (self.recipe.rows - 1) / 2
+        solids: Iterable[Solids] = map(partial(self._moved, index), self.solids)
+        if self.recipe.source_px is not None:
+            solids = [magnified(group, directions, self.recipe.source_px) for group in solids]
+        return line_integrals(solids, Frame(directions, middle, self.recipe.shape))
+
+    def _moved(self, index: int, group: Solids) -> Solids:
+        """Return `group` where the sample's motions have brought it."""
+        when = index / (self.recipe.n_projections - 1)
+        for number, motion in enumerate(self.recipe.sample_motions):
+            group = motion.moved(group, when, _random(self.recipe, MOTIONS, number, index))
+        return group
 
     def slice_at(self, row: float, size: int) -> Pixels:
         """(z, x) true attenuation per px at the height of `row` on the axis, `size` px wide."""
@@ -170,6 +201,7 @@ def simulate(recipe: Recipe) -> SimulatedScan:
         recipe=recipe,
         theta_recorded=nominal,
         theta_true=_true_angles(recipe, nominal),
+        shift=_random(recipe, SHIFTS).normal(0, recipe.shift_px, len(nominal)),
         whites=eye.whites(_random(recipe, WHITES)),
         darks=eye.darks(_random(recipe, DARKS)),
         camera=eye,
@@ -201,10 +233,9 @@ def recipe_from(spec: Mapping[str, Any], where: str = "recipe") -> Recipe:
     chosen = dict(spec)
     if "phantom" in chosen:
         chosen["phantom"] = build(PHANTOMS, chosen["phantom"], f"{where}.phantom")
-    if "angle_errors" in chosen:
-        chosen["angle_errors"] = tuple(
-            build(ANGLE_ERRORS, error, f"{where}.angle_errors") for error in chosen["angle_errors"]
-        )
+    for key in TABLES.keys() & chosen.keys():
+        listed = [build(TABLES[key], one, f"{where}.{key}") for one in chosen[key]]
+        chosen[key] = tuple(listed)
     if "detector" in chosen:
         chosen["detector"] = checked(Detector, chosen["detector"], f"{where}.detector")
     return checked(Recipe, chosen, where)

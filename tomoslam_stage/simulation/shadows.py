@@ -50,6 +50,29 @@ def projection_directions(theta: float, roll: float) -> Floats:
     return np.stack([u * cosine + down * sine, down * cosine - u * sine, beam])
 
 
+def magnified(group: Solids, directions: Floats, source: float) -> Solids:
+    """Return `group` as a cone beam shows it on the plane of the axis.
+
+    A point `d` px behind the axis is seen ``source / (source + d)`` times as large as one on it.
+    Each solid is taken to be as far away as its middle, so that its shadow keeps its closed form.
+
+    Parameters
+    ----------
+    group
+        Solids, none of them behind the source.
+    directions
+        (3, 3) unit vectors of column, row and depth, see `Frame`.
+    source
+        px from the source to the axis.
+    """
+    depth = group.centre @ directions[2]
+    factor = source / (source + depth)
+    along = np.outer(depth, directions[2])
+    centre = factor[:, None] * (group.centre - along) + along
+    half, density = group.half * factor[:, None], group.density / factor
+    return Solids(group.body, centre, group.axes, half, density)
+
+
 def line_integrals(solids: Iterable[Solids], frame: Frame) -> Floats:
     """(row, column) integrals along the depth of `frame`, mean over each pixel."""
     picture = np.zeros(frame.shape)

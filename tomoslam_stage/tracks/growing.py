@@ -82,8 +82,8 @@ class Known:
         angle = g.theta[projection]
         direction = np.array([np.cos(angle), np.sin(angle)])
         variance = np.einsum("i,fij,j->f", direction, features.covariance, direction)
-        column = features.position @ direction + g.axis_at(features.row)
-        row = features.row - g.roll * (column - g.axis)
+        column = features.position @ direction + g.origin(features.row, projection)
+        row = features.row - g.roll * (column - g.axis - g.shift[projection])
         sigma = inflation * np.sqrt(variance)
         return Expected(np.arange(len(features)), column, row, sigma)
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tomoslam_stage.images import bandpass, noise_sigma
 from tomoslam_stage.parallel import parallel
+from tomoslam_stage.tracks.caching import KeypointCache
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from tomoslam_stage.products import Pixels, Scan
@@ -17,21 +21,37 @@ if TYPE_CHECKING:
 
 
 def find_keypoints(
-    scan: Scan, detector: Detector, background: float, usable: NDArray[np.bool_]
+    scan: Scan,
+    detector: Detector,
+    background: float,
+    usable: NDArray[np.bool_],
+    cache: Path | None = None,
 ) -> list[Keypoints]:
     """Keypoints of each projection, on the `usable` (row,) rows.
 
-    What is smoother than a Gaussian of `background` px is taken off first.
+    What is smoother than a Gaussian of `background` px is taken off first. Where there is a folder
+    `cache`, keypoints are kept in it, and taken from it.
     """
 
-    def found(index: int) -> Keypoints:
-        detail = bandpass(scan.projection(index), 0, background)
+    def detected(projection: Pixels) -> Keypoints:
+        detail = bandpass(projection, 0, background)
         image, scale = stretched(detail)
         keypoints = detector.detect(image, noise_sigma(detail) * scale)
         row = np.clip(np.rint(keypoints.row), 0, scan.n_rows - 1).astype(np.intp)
         return keypoints.chosen(usable[row])
 
-    return list(parallel(found, range(scan.n_projections), "finding keypoints"))
+    def found(index: int) -> Keypoints:
+        projection = scan.projection(index)
+        if kept is None:
+            return detected(projection)
+        return kept.keypoints(int(scan.frames[index]), projection, partial(detected, projection))
+
+    made_with = f"{detector!r} {background!r} {np.packbits(usable).tobytes().hex()}"
+    kept = None if cache is None else KeypointCache.at(cache, scan.name, made_with)
+    everything = list(parallel(found, range(scan.n_projections), "finding keypoints"))
+    if kept is not None:
+        kept.say()
+    return everything
 
 
 def stretched(detail: Pixels) -> tuple[Pixels, float]:

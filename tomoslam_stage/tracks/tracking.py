@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -49,6 +50,8 @@ class Tracking:
     """How dust and hot pixels are recognised."""
     background: Annotated[float, Field(gt=1)] = 4.0
     """What is smoother than a Gaussian of this width, px, is taken off before detection."""
+    cache: Path | None = None
+    """Folder in which keypoints are kept for another run; null: none."""
 
     growing: Growing = field(default_factory=Growing)
     """How features are looked for once it is known where they are."""
@@ -69,7 +72,7 @@ class Tracking:
 
     def see(self, scan: Scan, axis: float, usable: NDArray[np.bool_]) -> Seen:
         """Follow the features of `scan`, see `track`, and keep the keypoints to look them up."""
-        everything = find_keypoints(scan, self.detector, self.background, usable)
+        everything = find_keypoints(scan, self.detector, self.background, usable, self.cache)
         fixed = self.fixed.find(everything, scan.theta)
         moving = [k.chosen(~mask) for k, mask in zip(everything, fixed, strict=True)]
         runs = self.follower.runs(Sights(moving, scan.theta, axis, self.matching))
