@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,13 +27,17 @@ DETAIL = (30, 52)
 """z, x of the detail that differs between recorded and refined."""
 
 
-class UnreadableSource:
-    """Has a shape; that a report reads projections would be a mistake."""
+class FrugalSource:
+    """Projections of one bright column; to read many at once would be a mistake."""
 
-    shape = (PROJECTIONS, 16, SIDE)
+    def __init__(self, projections: int = PROJECTIONS, rows: int = 16, columns: int = SIDE) -> None:
+        self.shape = (projections, rows, columns)
 
     def read(self, projections: Integers, rows: Integers) -> Pixels:
-        raise AssertionError(f"projections {projections} and rows {rows} were read")
+        assert len(projections) == 1 or len(rows) == 1
+        made = np.zeros((len(projections), len(rows), self.shape[2]), np.float32)
+        made[..., self.shape[2] // 3] = 1
+        return made
 
 
 def a_slice(z: float, x: float) -> Pixels:
@@ -100,7 +103,7 @@ def reconstructions(refinement: Refinement) -> Reconstructions:
 
 @pytest.fixture
 def findings(refinement: Refinement, reconstructions: Reconstructions) -> Findings:
-    scan = Scan(UnreadableSource(), refinement.recorded, np.arange(PROJECTIONS), name="a$b$.h5")
+    scan = Scan(FrugalSource(), refinement.recorded, np.arange(PROJECTIONS), name="a$b$.h5")
     comparison = compare(refinement, reconstructions)
     return Findings(scan, refinement, reconstructions, comparison)
 
@@ -151,7 +154,7 @@ def tiny() -> Callable[[int], Findings]:
         unknown = np.full(projections, np.nan)
         axes = dict.fromkeys(("recorded", "refined"), float("nan"))
         refinement = Refinement(theta, theta, unknown, "kept", "no keypoints", axes)
-        source: Any = type("Source", (), {"shape": (projections, 1, 3)})()
+        source = FrugalSource(projections, 1, 3)
         made = Reconstruction(theta, 1.0, np.array([0]), np.zeros((1, 3, 3), np.float32), "none")
         both = {"recorded": made, "refined": made}
         scan = Scan(source, theta, np.arange(projections))

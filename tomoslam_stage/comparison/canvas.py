@@ -118,11 +118,12 @@ def write(figure: Figure, place: tuple[float, float], text: str, style: dict[str
     words.set(**{"color": INK, **style})
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write `figure` to `path` as PNG."""
+def save(figure: Figure, path: Path, dots_per_inch: float = DPI) -> None:
+    """Write `figure` to `path` as PNG, which prints with so many of its pixels in an inch."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     content = BytesIO()
     # Not savefig: that one crops where a notebook's settings say so.
-    FigureCanvasAgg(figure).print_png(content)  # type: ignore[no-untyped-call]
+    print_png: Any = FigureCanvasAgg(figure).print_png
+    print_png(content, pil_kwargs={"dpi": (dots_per_inch, dots_per_inch)})
     write_atomically(path, content.getvalue())

@@ -15,6 +15,7 @@ from tomoslam_stage.products import (
     Reconstructions,
     Refinement,
     Scan,
+    Tracks,
     Truth,
 )
 
@@ -24,7 +25,8 @@ class Findings:
     """All that the pictures and the report tell about."""
 
     scan: Scan
-    """Asked for its name and shape only; no projection is read."""
+    """The page shows some projections and one row of it, read one by one; all else asks for its
+    name and shape only."""
     refinement: Refinement
     """The angles and the verdict."""
     reconstructions: Reconstructions
@@ -33,6 +35,8 @@ class Findings:
     """The numbers of `compare`."""
     truth: Truth | None = None
     """Drawn beside the correction, where the scan is simulated."""
+    tracks: Tracks | None = None
+    """Drawn over the projections, where features were followed; px of `scan`."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,8 @@ class Run:
     """Station -> s it took."""
     pipeline: Sequence[Mapping[str, Any]] = ()
     """The entries as they ran, all parameters included."""
+    started: str = ""
+    """ISO 8601."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +101,30 @@ def gauge(refinement: Refinement) -> str:
     text = "the first angle is held where it was recorded; a common angle of all and the mirror "
     text += "image cannot be seen; "
     if "used" in refinement.sources.values():
-        text += "the common angle was taken out of sigma; axis and roll were solved together with "
-        return f"{text}the angles"
+        return f"{text}the common angle was taken out of sigma; {solved_together(refinement)}"
     return f"{text}sigma is counted from the first angle; the axis was looked for by itself"
+
+
+def median_sigma_deg(refinement: Refinement) -> float:
+    """Median of the sigma that are known, degrees; nan where none is."""
+    known = refinement.sigma[np.isfinite(refinement.sigma)]
+    return float(np.degrees(np.median(known))) if len(known) else float("nan")
+
+
+def solved_together(refinement: Refinement) -> str:
+    """Say what beside the angles was solved for, and what of the shifts nobody sees."""
+    unknowns = refinement.unknowns
+    solved = ", ".join(name for name in unknowns if name != "theta")
+    held = ", ".join(name for name in ("axis", "roll") if name not in unknowns)
+    said = [f"solved together with the angles: {solved or 'nothing'}"]
+    if held:
+        said.append(f"held: {held}")
+    if "shift" in unknowns:
+        said.append(
+            "a shift of all projections is the axis, and one that goes round with the turn a place "
+            "of the sample: of these the smallest shifts were taken"
+        )
+    return "; ".join(said)
 
 
 def signed(value: float) -> str:

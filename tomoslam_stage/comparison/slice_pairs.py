@@ -72,12 +72,18 @@ def slice_pair(findings: Findings, index: int) -> SlicePair:
     """Prepare slice `index` for drawing."""
     made = wholes(findings.reconstructions)
     images = {name: one.slices[index] for name, one in made.items()}
+    row = int(made["recorded"].rows[index])
+    return pair_of(images, row, row_label(row, findings.scan.binning))
+
+
+def pair_of(images: dict[str, Pixels], row: int, label: str) -> SlicePair:
+    """Find what changed most between ``recorded`` and ``refined`` slices (z, x)."""
     recorded, refined = images["recorded"], images["refined"]
-    row, inside = int(made["recorded"].rows[index]), disc(recorded.shape)
+    inside = disc(recorded.shape)
     window = most_changed_material(recorded, refined, inside)
     return SlicePair(
         row=row,
-        label=row_label(row, findings.scan.binning),
+        label=label,
         images=images,
         inside=inside,
         window=window,

@@ -14,7 +14,7 @@ from tomoslam_stage.comparison.findings import Findings, verdict
 from tomoslam_stage.comparison.graphs import GRAPHS_HEIGHT, draw_graphs, graphs_of
 from tomoslam_stage.comparison.regions import Window
 from tomoslam_stage.comparison.slice_pairs import SlicePair, slice_pairs
-from tomoslam_stage.products import Refinement
+from tomoslam_stage.products import Status
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +56,7 @@ def draw_comparison(path: Path, findings: Findings, rows: Sequence[int] | None =
     figure = canvas.new_figure(bottom + (GRAPHS_HEIGHT if curves else 0))
     canvas.write_header(figure, said)
     for k, pair in enumerate(sorted(pairs, key=lambda pair: pair.row)):
-        draw_slice(figure, said.height + k * BLOCK, pair, findings.refinement)
+        draw_slice(figure, said.height + k * BLOCK, pair, findings.refinement.status)
     draw_graphs(figure, bottom, curves)
     canvas.save(figure, path)
 
@@ -75,11 +75,11 @@ def binning_note(findings: Findings) -> str:
     return "" if binning == 1 else f", 1 px = {binning} × {binning} px of the detector"
 
 
-def draw_slice(figure: Figure, top: float, pair: SlicePair, refinement: Refinement) -> None:
+def draw_slice(figure: Figure, top: float, pair: SlicePair, status: Status) -> None:
     """Draw one slice, `top` inches down the picture: whole above, the zoom below."""
     label = {"fontsize": canvas.TEXT_SIZE, "fontweight": "bold"}
     canvas.write(figure, (canvas.LEFT, top + 0.05), pair.label, label)
-    titles = panel_titles(pair, refinement)
+    titles = panel_titles(pair, status)
     height, width = pair.inside.shape
     everything = Window(0, 0, max(height, width))
     boxes = [Box(left, top + 0.5, IMAGE, IMAGE) for left in COLUMNS]
@@ -102,9 +102,9 @@ def draw_slice(figure: Figure, top: float, pair: SlicePair, refinement: Refineme
 TITLE: dict[str, Any] = {"fontsize": canvas.TEXT_SIZE, "color": canvas.INK, "pad": 5}
 
 
-def panel_titles(pair: SlicePair, refinement: Refinement) -> dict[str, str]:
+def panel_titles(pair: SlicePair, status: Status) -> dict[str, str]:
     """Name the panels, and say which angles do not stand."""
-    unused = "" if refinement.status == "accepted" else " (not used)"
+    unused = "" if status == "accepted" else " (not used)"
     differs = np.any(pair.difference[pair.inside])
     return {
         "recorded": "recorded angles",

@@ -7,14 +7,20 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from tomoslam_stage.comparison.sparkline import ASCII, BLOCKS, sparkline
+
 LABEL = 14
 WIDTH = 100
+FILES = "report.html, logbook.png, comparison.png, theta.png, theta.txt, report.json"
 MOST_EVENTS = 5
+MOST_FRAMES = 5
 """More are only counted."""
 
 
-def summary(report: Mapping[str, Any], folder: Path | None = None) -> str:
-    """Tell in about a dozen lines what a report says.
+def summary(report: Mapping[str, Any], folder: Path | None = None, *, unicode: bool = True) -> str:
+    """Tell in about a dozen lines what a report says, the last of them to paste into a logbook.
 
     Parameters
     ----------
@@ -22,27 +28,51 @@ def summary(report: Mapping[str, Any], folder: Path | None = None) -> str:
         As `comparison.report` makes it.
     folder
         Where the pictures are.
+    unicode
+        Draw the correction with blocks; else there are no signs but those of ASCII.
     """
     first = f"{report['scan']['name']}: {HEADLINES[report['status']]}"
     said = {
         "why": report["reason"],
         "sources": sources(report),
+        "frames": frames(report["scan"]["left_out"]),
         "angles": angles(report),
+        "correction": correction(report, BLOCKS if unicode else ASCII),
         "sigma": sigma(report["median_sigma_deg"]),
         "events": events(report["events"]),
         "stage": stage(report["stage"]),
         "axis": f"detector column {number(report['axis_px'], 6)}",
         "residual": residual(report),
+        "rows": rows((report["evidence"] or {}).get("rigidity")),
         "slices": slices(report["comparison"]),
         "true slices": true_slices(report["comparison"]),
         "true errors": true_errors(report["comparison"]["errors"]),
         "features": features(report),
-        "report": ""
-        if folder is None
-        else f"{folder}: comparison.png, theta.png, theta.txt, report.json",
+        "report": "" if folder is None else f"{folder}: {FILES}",
         "time": time(report["seconds"]),
     }
-    return "\n".join([first, *(entry(label, text) for label, text in said.items() if text)])
+    lines = [first, *(entry(label, text) for label, text in said.items() if text)]
+    # Not broken into lines: it is to be pasted. A terminal without blocks knows no degree sign.
+    line = report["logbook_line"]
+    return "\n".join([*lines, line if unicode else in_ascii(line)])
+
+
+def in_ascii(line: str) -> str:
+    """Write `line` with what every terminal knows; names that users chose stay as they are."""
+    for sign, word in {"°": " deg", "σ": "sigma", "−": "-", " · ": "; "}.items():
+        line = line.replace(sign, word)
+    return line
+
+
+def correction(report: Mapping[str, Any], levels: str) -> str:
+    """Draw refined minus recorded along the scan; empty where there is no correction."""
+    if not report["proposed_max_change_deg"]:
+        return ""
+    theta = report["theta"]
+    angles = [np.array(theta[f"{name}_deg"], np.float64) for name in ("recorded", "refined")]
+    change = angles[1] - angles[0]
+    curve = sparkline(change, levels)
+    return f"{curve} {np.nanmin(change):+.2g} to {np.nanmax(change):+.2g} deg"
 
 
 HEADLINES = {
@@ -84,6 +114,13 @@ def sources(report: Mapping[str, Any]) -> str:
     return "" if said == report["reason"] else said
 
 
+def frames(left_out: Mapping[str, str]) -> str:
+    """Name the frames that are not used, the first few of them with the reason."""
+    said = [f"{frame} ({why})" for frame, why in list(left_out.items())[:MOST_FRAMES]]
+    more = len(left_out) - len(said)
+    return "left out: " + ", ".join(said) + (f" and {more} more" if more else "") if said else ""
+
+
 def events(all_events: Sequence[Mapping[str, Any]]) -> str:
     """Name the surest lapses of the stage, in their order, and count the others."""
     surest = sorted(all_events, key=lambda event: -event["significance"])[:MOST_EVENTS]
@@ -97,13 +134,15 @@ def events(all_events: Sequence[Mapping[str, Any]]) -> str:
 
 
 def stage(facts: Mapping[str, float | None]) -> str:
-    """How the rotation stage errs, and how its axis is tilted, where that is known."""
+    """How the stage errs, how its axis is tilted and the sample moved, where that is known."""
     said = []
     if facts["walk_deg"] is not None:
         walk, jitter = number(facts["walk_deg"], 2), number(facts["jitter_deg"], 2)
         said.append(f"error of the recorded steps: walk {walk} deg a step, jitter {jitter} deg")
     if facts["roll_deg"] is not None:
         said.append(f"roll of the axis {facts['roll_deg']:z.3f} deg")
+    if facts["shift_px"] is not None:
+        said.append(f"projections shifted by {number(facts['shift_px'], 2)} px rms")
     return "; ".join(said)
 
 
@@ -120,6 +159,18 @@ def residual(report: Mapping[str, Any]) -> str:
     if sure is None:
         return text
     return f"{text} ({number(abs(sure), 2)} standard errors {'better' if sure >= 0 else 'worse'})"
+
+
+def rows(rigidity: Mapping[str, Any] | None) -> str:
+    """Tell whether features keep their rows, as those of a rigid sample in a parallel beam do."""
+    if rigidity is None:
+        return ""
+    moved, cone = number(rigidity["moved_px"], 2), number(abs(rigidity["cone_px"]), 2)
+    return (
+        f"those of {rigidity['features']} features move by {moved} px as the scan goes on "
+        f"({rigidity['moved_significance']:.1f} standard errors), by {cone} px with depth "
+        f"({abs(rigidity['cone_significance']):.1f})"
+    )
 
 
 def true_errors(errors: Mapping[str, float | None]) -> str:

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def made_folder(folder: Path) -> Path:
-    """Return `folder`, made with its parents where it is missing.
+def made_folder(folder: Path, option: str = "--report") -> Path:
+    """Return `folder`, made with its parents where it is missing; `option` chose it.
 
     Raises
     ------
@@ -22,8 +22,8 @@ def made_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        found = f"this folder cannot be made ({error.strerror}); the report needs one."
-        raise PipelineError(str(folder), found, "Choose another with --report.") from error
+        found = f"this folder cannot be made ({error.strerror}); one is needed for what is found."
+        raise PipelineError(str(folder), found, f"Choose another with {option}.") from error
     return folder
 
 
@@ -45,6 +45,6 @@ def write_atomically(path: Path, content: bytes) -> None:
         part.replace(path)
     except OSError as error:
         found = f"{len(content)} bytes cannot be written ({error.strerror})."
-        raise PipelineError(str(path), found, "Choose another folder with --report.") from error
+        raise PipelineError(str(path), found, "Choose another folder.") from error
     finally:
         part.unlink(missing_ok=True)
