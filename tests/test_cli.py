@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import json
 import logging
+import signal
 import subprocess
 import sys
 from argparse import ArgumentTypeError
@@ -17,6 +19,8 @@ from tomoslam_stage.errors import BackendMissingError, PipelineError, ScanError
 from tomoslam_stage.methods import method
 from tomoslam_stage.progress import progress
 from tomoslam_stage.stages.modules import Module
+from tomoslam_stage.stages.work import Writer
+from tomoslam_stage.stopping import Stopped
 
 SHOWN = "what the report says"
 
@@ -29,6 +33,7 @@ class StandInWork:
     folder: Path
     output: Path | None = None
     dry_run: bool = False
+    started: str = "2026-05-01T12:00:00+00:00"
     seconds: dict[str, float] = field(default_factory=dict)
     pipeline: list[dict[str, Any]] = field(default_factory=list)
     refinement: Any = None
@@ -44,6 +49,9 @@ class StandInLoad:
 
     binning: int = 1
     parallel: bool = False
+    drop_frames: str = ""
+    keep_frames: str = ""
+    drop_angles: str = ""
 
     def run(self, work: StandInWork) -> dict[str, Any]:
         self.works.append(work)
@@ -59,6 +67,7 @@ class StandInRefine:
     result: ClassVar[Any] = None
 
     axis: float | None = None
+    tracks: Any = None
 
     def run(self, work: StandInWork) -> dict[str, Any]:
         if isinstance(self.result, BaseException):
@@ -116,7 +125,7 @@ PIPELINE = "".join(
 def stages(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type[StandInRefine]:
     """Stand-ins for the stages and the summary, and a pipeline.yaml of them."""
     stand_in: Any = ModuleType("tomoslam_stage.stages")
-    stand_in.Work = StandInWork
+    stand_in.Work, stand_in.Writer = StandInWork, Writer
     ours = {
         "load_scan": StandInLoad,
         "refine_theta": StandInRefine,
@@ -126,7 +135,7 @@ def stages(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type[StandInRefin
     }
     stand_in.MODULES = {"tomoslam_stage.stages": Module(ours)}
     comparison: Any = ModuleType("tomoslam_stage.comparison")
-    comparison.summary = lambda report, folder: f"{report['said']} in {folder.name}"
+    comparison.summary = lambda report, folder, unicode: f"{report['said']} in {folder.name}"  # noqa: ARG005
     monkeypatch.setitem(sys.modules, "tomoslam_stage.stages", stand_in)
     monkeypatch.setitem(sys.modules, "tomoslam_stage.comparison", comparison)
     monkeypatch.setattr(StandInLoad, "works", [])
@@ -184,7 +193,17 @@ def test_kept_angles_end_with_4_after_the_report(
         (ScanError("scan.h5", "no\ndata.", "Look."), 3, "scan.h5: no data. Look."),
         (BackendMissingError("tomopy", "not installed."), 5, "tomopy: not installed."),
         (PermissionError(13, "Permission denied", "/r/o"), 2, "/r/o: Permission denied"),
-        (KeyboardInterrupt(), 130, "interrupted"),
+        (
+            Stopped(signal.SIGINT),
+            130,
+            "interrupted; no angles were written, the report is incomplete",
+        ),
+        (
+            Stopped(signal.SIGTERM),
+            143,
+            "terminated; no angles were written, the report is incomplete",
+        ),
+        (MemoryError("5 TiB"), 1, "this machine has too little memory: 5 TiB"),
         (KeyError("x"), 1, "this is a bug: KeyError: 'x' (-v or --log FILE shows where)"),
     ],
 )
@@ -225,11 +244,13 @@ def test_the_summary_is_printed_even_if_writing_fails(
 
 @pytest.mark.usefixtures("stages")
 def test_short_options_set_parameters_and_set_has_the_last_word() -> None:
-    words = "--bin 2 --parallel --axis 31.5 --rows 1:6:2 --save-slices --set load_scan.binning=4"
+    words = "--bin 2 --parallel --axis 31.5 --rows 1:6:2 --save-slices --set load_scan.binning=4 "
+    words += "--drop-frames 12,40:43 --drop-angles 7 --keep-frames : --cache kept"
     assert called(*words.split()) == 0
     parameters = [e["parameters"] for e in StandInLoad.works[0].pipeline]
-    assert parameters[0] == {"binning": 4, "parallel": True}
-    assert parameters[1] == {"axis": 31.5}
+    named = {"drop_frames": "12,40:43", "drop_angles": "7", "keep_frames": ":"}
+    assert parameters[0] == {"binning": 4, "parallel": True, **named}
+    assert parameters[1] == {"axis": 31.5, "tracks": {"cache": "kept"}}
     assert parameters[2] == {"rows": [1, 3, 5]}
     assert parameters[3] == {"save_tiff": True}
 
@@ -302,15 +323,18 @@ def test_a_simulated_scan_can_be_inspected(
     assert cli.main(["simulate", out, *size.split(), "--error", "none"]) == 0
     assert capsys.readouterr().out == f"{out}: 12 x 4 x 32 (projections, rows, columns)\n"
     assert cli.main(["inspect", out]) == 0
-    lines = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
-    assert lines["shape"] == "12, 4, 32"
+    said = capsys.readouterr().out.splitlines()
+    lines = {line[:14].strip(): line[14:] for line in said}
+    assert lines["file"] == "made.h5 (DXchange)"
+    assert lines["projections"] == "12 of 4 rows x 32 columns, uint16"
+    assert lines["angles"] == "0 to 165 degrees; steps mostly 15, 15 to 15"
     assert lines["problems"] == "none"
-    assert lines["simulated"] == "yes"
+    assert lines["simulated"] == "yes, with the true angles"
+    assert cli.main(["inspect", out, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["shape"] == [12, 4, 32]
 
 
 def test_the_errors_of_a_simulated_scan_add_up_and_its_file_says_so(tmp_path: Path) -> None:
-    import json
-
     import h5py
 
     out = tmp_path / "made.h5"

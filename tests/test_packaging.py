@@ -13,6 +13,14 @@ def test_every_folder_with_code_is_in_the_wheel() -> None:
     assert set(PROJECT["tool"]["setuptools"]["packages"]) == packages | {"tomoslam_stage.pipelines"}
 
 
+def test_every_file_that_is_no_code_is_in_the_wheel() -> None:
+    data = PROJECT["tool"]["setuptools"]["package-data"]
+    for path in (ROOT / "tomoslam_stage").rglob("*"):
+        if path.is_file() and path.suffix not in {".py", ".pyc"}:
+            package = ".".join(path.parent.relative_to(ROOT).parts)
+            assert any(path.match(pattern) for pattern in data.get(package, [])), path
+
+
 def test_every_imported_package_is_a_dependency() -> None:
     declared = {name.split(">")[0] for name in PROJECT["project"]["dependencies"]}
     assert declared >= {"numpy", "scipy", "h5py", "gtsam", "finufft", "threadpoolctl", "pillow"}

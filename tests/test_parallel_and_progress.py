@@ -6,8 +6,9 @@ import time
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from tomoslam_stage.parallel import BLOCK, in_blocks, parallel
+from tomoslam_stage.parallel import BLOCK, in_blocks, on_one_thread, parallel
 from tomoslam_stage.products import Pixels
 from tomoslam_stage.progress import heard_by, progress
 
@@ -27,6 +28,13 @@ def test_results_come_in_the_order_of_the_items(monkeypatch: pytest.MonkeyPatch)
         return item**2
 
     assert list(parallel(slow_first, range(20))) == [k**2 for k in range(20)]
+
+
+def test_linear_algebra_keeps_to_one_thread_whatever_the_machine_has() -> None:
+    with threadpool_limits(3), on_one_thread():
+        pools = threadpool_info()
+        assert pools
+        assert {pool["num_threads"] for pool in pools} == {1}
 
 
 def test_no_items_give_no_results() -> None:

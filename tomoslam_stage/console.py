@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from tomoslam_stage.progress import heard_by
 
@@ -72,6 +72,15 @@ def _file_handlers(path: Path | None) -> list[logging.Handler]:
     handler = logging.FileHandler(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
     return [handler]
+
+
+def speaks_unicode(stream: TextIO) -> bool:
+    """Whether `stream` takes block characters: not all terminals and pipes do."""
+    try:
+        "▁█°σ".encode(stream.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 @contextmanager

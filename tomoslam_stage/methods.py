@@ -8,6 +8,7 @@ nearest right one.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast, dataclass_transform
 
 from pydantic import BeforeValidator, ConfigDict, ValidationError
@@ -17,8 +18,8 @@ from tomoslam_stage.errors import PipelineError, nearest
 
 Method = TypeVar("Method")
 
-STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
-"""No unknown parameters; fields may be of any type, such as another method."""
+STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
+"""No unknown parameters, no number without end; fields may be of any type, as another method."""
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
@@ -65,13 +66,22 @@ def checked(cls: type[Method], parameters: Mapping[str, Any], where: str) -> Met
         raise PipelineError(key, f"{first['input']!r} does not fit: {first['msg']}.") from error
 
 
-def chosen_from(table: Mapping[str, type[Any]], where: str) -> BeforeValidator:
+@dataclass(frozen=True, slots=True)
+class FromTable(BeforeValidator):
+    """Makes methods of a table, which whoever describes the field can read off."""
+
+    table: Mapping[str, type[Any]] = field(kw_only=True)
+    every: bool = False
+    """Whether the field holds a mapping of all of them by name, and not a single one."""
+
+
+def chosen_from(table: Mapping[str, type[Any]], where: str) -> FromTable:
     """Let a field take a name or a mapping and make the method of `table` that it means."""
 
     def choose(spec: Any) -> Any:
         return build(table, spec, where) if isinstance(spec, str | Mapping) else spec
 
-    return BeforeValidator(choose)
+    return FromTable(choose, table=table)
 
 
 def name_of(chosen: object, table: Mapping[str, type[Any]]) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -24,6 +26,15 @@ Number = TypeVar("Number", bound=np.generic)
 
 BLOCK = 4
 """Rows worked on together: bounds the memory, and is the same for any number of cores."""
+
+
+@contextmanager
+def on_one_thread() -> Iterator[None]:
+    """Keep linear algebra to one thread: on several, it rounds as their number goes."""
+    # What is loaded later would not hear of the limit.
+    importlib.import_module("scipy.linalg")
+    with threadpool_limits(1):
+        yield
 
 
 def parallel(

@@ -225,10 +225,21 @@ def run(entries: Sequence[Entry], work: Work, modules: Modules) -> None:
     built = check(entries, modules)
     work.pipeline[:] = [described(e, stage) for e, stage in zip(entries, built, strict=True)]
     state = _Run(entries, work, modules)
-    for position in range(len(entries)):
+    for position, stage in enumerate(built):
         state.attempt(position)
+        if "scan" in _declared(type(stage), "makes") and not state.failures:
+            _check_writable(built[position + 1 :], work)
     for error in state.failures.values():
         raise error
+
+
+def _check_writable(later: Sequence[Stage], work: Work) -> None:
+    """Refuse, once the scan is known to be sound, what could not be written in the end."""
+    from tomoslam_stage.stages import Writer
+
+    for stage in later:
+        if isinstance(stage, Writer):
+            stage.check_writable(work)
 
 
 @dataclass

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.products import Refinement
-from tomoslam_stage.scans import ScanContent, create_scan
+from tomoslam_stage.scans import write_simulated
 from tomoslam_stage.simulation import SimulatedScan, recipe_from, simulate
 from tomoslam_stage.stages import STAGES, Work, refine_theta
 
@@ -49,16 +49,7 @@ def refined(grains: SimulatedScan, integrals: np.ndarray) -> Refinement:
 
 
 def written(path: Path, made: SimulatedScan) -> Path:
-    content = ScanContent(
-        projections=made.projections(),
-        flats=made.whites,
-        darks=made.darks,
-        theta_deg=np.rad2deg(made.theta_recorded),
-        true_theta_deg=np.rad2deg(made.theta_true),
-        true_axis_px=made.axis,
-        parameters=made.recipe.described(),
-    )
-    create_scan(path, content)
+    write_simulated(path, made)
     return path
 
 
@@ -73,6 +64,12 @@ def ran(work: Work, *stages: str, **parameters: object) -> Work:
 def run() -> Callable[..., Work]:
     """See `ran`."""
     return ran
+
+
+@pytest.fixture(scope="session")
+def written_to() -> Callable[[Path, SimulatedScan], Path]:
+    """See `written`."""
+    return written
 
 
 @pytest.fixture(scope="session")

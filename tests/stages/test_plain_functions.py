@@ -59,4 +59,4 @@ def test_written_angles_are_in_the_scan_or_in_the_companion_alone(
 
 def test_a_wrong_parameter_is_answered_with_the_nearest(integrals: np.ndarray) -> None:
     with pytest.raises(PipelineError, match="Did you mean 'rows'"):
-        reconstruct(integrals, np.arange(90), 60.0, row=[1])
+        reconstruct(integrals, np.linspace(0, 3, 90), 60.0, row=[1])

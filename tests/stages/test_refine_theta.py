@@ -44,7 +44,7 @@ def test_refinement_says_how_sure_it_is_and_what_it_counted(
     assert refined.sigma.shape == refined.refined.shape
     error = rms_difference(refined.refined, grains.theta_true)
     assert error / 2 < rms(refined.sigma) < 5 * error
-    assert set(refined.residuals) == {"prior", "encoder", "cv"}
+    assert set(refined.residuals) == {"prior", "encoder", "cv", "closure"}
     assert refined.sources == {"features": "used", "map": "used"}
     assert refined.counts["sightings"] > 20 * refined.counts["features"] > 1000
     assert refined.counts["keypoints"] > refined.counts["sightings"]

@@ -86,7 +86,7 @@ class Mapping:
     end: Geometry | None
     excess: float = 1.2
     row_pulls: Floats = field(default_factory=lambda: np.zeros((6, N + 2)))
-    prior_pull: Floats = field(default_factory=lambda: np.zeros(N + 2))
+    bias_pulls: Floats = field(default_factory=lambda: np.zeros((1, N + 2)))
     asked: list[Geometry] = field(default_factory=list)
 
     def refine(self, scan: Any, rows: Any, start: Geometry, solve: Any) -> SimpleNamespace | None:
@@ -100,15 +100,15 @@ class Mapping:
             geometry=self.end,
             quadratic=quadratic(),
             row_pulls=self.row_pulls,
-            prior_pull=self.prior_pull,
+            bias_pulls=self.bias_pulls,
             excess=self.excess,
             rows=np.arange(6),
         )
 
 
-def judge(name: str, theta: Floats) -> Floats:
+def judge(name: str, found: Geometry) -> Floats:
     """(r, n) residuals that grow with the error of the angles."""
-    error = np.rad2deg(rms_difference(theta, TRUE))
+    error = np.rad2deg(rms_difference(found.theta, TRUE))
     noise = np.random.default_rng(len(name)).uniform(0.9, 1.1, (5, N))
     return np.asarray((0.1 + error) * noise)
 
@@ -116,18 +116,25 @@ def judge(name: str, theta: Floats) -> Floats:
 def asked(
     placing: Placing | None = None, mapping: Mapping | None = None, features: int = 40
 ) -> Outcome:
-    sources = Sources(
+    rows = Rows(np.array([3, 11, 19, 27]), USABLE)
+    return sources_of(placing, mapping, features).ask(SCAN, rows, START, judge, Clock({}))
+
+
+def sources_of(
+    placing: Placing | None = None, mapping: Mapping | None = None, features: int = 40
+) -> Sources:
+    return Sources(
         tracks=Seeing(features),
         angles=None,
+        closures=None,
         landmarks=placing,
         mapping=mapping,
+        closer=None,
         choice=Choice(),
         graph=FactorGraph(),
         rounds=1,
         settled_deg=0.01,
     )
-    rows = Rows(np.array([3, 11, 19, 27]), USABLE)
-    return sources.ask(SCAN, rows, START, judge, Clock({}))
 
 
 def error_deg(outcome: Outcome) -> float:
@@ -229,20 +236,18 @@ def test_rows_of_the_map_that_contradict_each_other_show_how_sure_the_angles_are
     contradicting[:2] = pull, -pull
     sure = asked(mapping=Mapping(geometry())).fused
     rows = asked(mapping=Mapping(geometry(), row_pulls=contradicting)).fused
-    prior = asked(mapping=Mapping(geometry(), prior_pull=2 * pull)).fused
+    prior = asked(mapping=Mapping(geometry(), bias_pulls=2 * pull[None])).fused
     assert np.median(rows.sigma) > 3 * np.median(sure.sigma)
     assert np.median(prior.sigma) > 3 * np.median(sure.sigma)
 
 
 def test_recorded_angles_are_judged_first_and_each_source_once() -> None:
     heard: list[str] = []
-    sources = Sources(
-        Seeing(40), None, placing(), Mapping(geometry()), Choice(), FactorGraph(), 1, 0.01
-    )
+    sources = sources_of(placing(), Mapping(geometry()))
 
-    def listening(name: str, theta: Floats) -> Floats:
+    def listening(name: str, found: Geometry) -> Floats:
         heard.append(name)
-        return judge(name, theta)
+        return judge(name, found)
 
     sources.ask(SCAN, Rows(np.array([3]), USABLE), START, listening, Clock({}))
     assert heard == [RECORDED, FEATURES, MAP]

@@ -13,12 +13,14 @@ import h5py
 import numpy as np
 import pytest
 
-from tomoslam_stage import refine_theta
+from tomoslam_stage import pipeline, refine_theta
 from tomoslam_stage.comparison import wholes
 from tomoslam_stage.errors import PipelineError, ScanError
+from tomoslam_stage.products import Tracks
 from tomoslam_stage.scans import open_scan, revert
-from tomoslam_stage.stages import STAGES, Work
+from tomoslam_stage.stages import MODULES, STAGES, Work
 from tomoslam_stage.stages.reconstructing import turned_to
+from tomoslam_stage.stages.refining import tracks_in
 from tomoslam_stage.stages.work import Clock
 
 LONG_AGO = 1_500_000_000
@@ -80,6 +82,26 @@ def test_accepted_angles_are_written_and_the_recorded_ones_kept(accepted: Work, 
     assert table_rows(accepted.path) == 1
     message = read(accepted.path, "/process/table/message")[0].decode()
     assert message == accepted.refinement.reason
+
+
+def test_refining_leaves_the_tracks_that_gave_the_angles(done: Work) -> None:
+    tracks = done.tracks
+    assert tracks.n_sightings == done.refinement.counts["sightings"]
+    assert tracks.n_features == done.refinement.counts["features"]
+    residuals = done.refinement.histograms["sighting_residuals"]
+    assert residuals.shape == tracks.feature.shape
+    assert tracks.column.max() < done.scan.n_columns
+
+
+def test_tracks_of_binned_projections_are_told_in_px_of_the_scan(done: Work) -> None:
+    small = replace(done.scan, binning=4)
+    place = np.array([0.0, 10.0])
+    none = np.empty(0, np.intp)
+    tracks = Tracks(np.array([0, 1]), np.array([3, 4]), place, place, none)
+    told = tracks_in(done.scan, small, tracks)
+    # The centre of the first binned pixel lies between pixels 1 and 2.
+    assert told.column.tolist() == told.row.tolist() == [1.5, 41.5]
+    np.testing.assert_array_equal(tracks_in(small, small, tracks).column, place)
 
 
 def test_a_second_run_gives_the_same_angles_and_one_more_row(accepted: Work, run) -> None:
@@ -214,16 +236,23 @@ def test_rows_that_are_not_there_are_refused(accepted: Work, run, rows: tuple[in
         run(accepted, "reconstruct", rows=rows)
 
 
-def test_loading_says_at_once_when_angles_could_not_be_written(
-    grains_file: Path, tmp_path: Path, run
+def test_what_stands_in_the_way_of_writing_is_said_before_any_work(
+    grains_file: Path, tmp_path: Path
 ) -> None:
     path = Path(shutil.copy(grains_file, tmp_path / "scan.h5"))
+    path.with_name("other.h5").hardlink_to(path)  # so that it is edited in place
+    (tmp_path / "taken.h5").write_text("years of work")
+    work = Work(path=path, folder=tmp_path)
     with h5py.File(path, "r"):
         with pytest.raises(ScanError, match="another program has it open"):
-            run(Work(path=path, folder=tmp_path), "load_scan")
+            pipeline.run(pipeline.load_pipeline("default"), work, MODULES)
+        assert work.scan is not None
+        assert work.refinement is None
+        write = STAGES["write_theta"]()
         for harmless in ({"dry_run": True}, {"output": tmp_path / "out.h5"}):
-            work = run(Work(path=path, folder=tmp_path, **harmless), "load_scan")
-            assert work.scan.n_projections == 90
+            write.check_writable(Work(path=path, folder=tmp_path, **harmless))
+        with pytest.raises(ScanError, match="it exists, and is not an earlier output"):
+            write.check_writable(Work(path=path, folder=tmp_path, output=tmp_path / "taken.h5"))
 
 
 def test_loading_tells_the_shape_and_bins_where_asked(grains_file: Path, tmp_path: Path) -> None:

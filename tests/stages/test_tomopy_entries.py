@@ -221,9 +221,7 @@ def test_a_pipeline_that_does_not_fit_a_scan_is_told_where(
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ("{data_path: entry1/data}", "data_path: 'entry1/data'; auto or /exchange/data is needed"),
         ("{rotation_angles: {user_defined: {}}}", "rotation_angles: {'user_defined': {}}; auto"),
-        ("{image_key_path: entry1/image_key}", "image_key_path: 'entry1/image_key'; null"),
         ("{flats: {file: other.h5, data_path: /a}}", "flats: {'file': 'other.h5'"),
         ("{darks: ignore}", "darks: 'ignore'; null, or `file: input_data`"),
         ("{preview: {detector_y: {start: 3}}}", "preview: {'detector_y': {'start': 3}}; null"),
@@ -233,6 +231,25 @@ def test_a_pipeline_that_does_not_fit_a_scan_is_told_where(
 def test_what_httomo_loads_and_we_do_not_is_refused(parameters: str, message: str) -> None:
     said = refused(("standard_tomo", LOADERS, parameters))
     assert said.startswith(f"mine.yaml:3: standard_tomo.{message}")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ("{data_path: entry1/data}", "data_path: 'entry1/data'; auto or /exchange/data is needed"),
+        ("{rotation_angles: a}", "rotation_angles: 'a'; auto or /exchange/theta is needed"),
+        ("{image_key_path: entry1/key}", "image_key_path: 'entry1/key'; null is needed"),
+        (
+            "{darks: {file: input_data, data_path: /a}}",
+            "darks.data_path: '/a'; auto or /exchange/data_dark is needed",
+        ),
+    ],
+)
+def test_a_path_that_the_scan_does_not_have_is_refused(
+    scan: Path, parameters: str, message: str
+) -> None:
+    said = refused(("standard_tomo", LOADERS, parameters), path=scan)
+    assert message in said
 
 
 @pytest.mark.usefixtures("scan")

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tomoslam_stage.products import Floats, Tracks
+from tomoslam_stage.products import AngleMeasurements, Floats, Tracks
 from tomoslam_stage.stages.refining import RefineTheta
 from tomoslam_stage.stages.triplets import TripletSolver
 
+TURN = "turn"
 RECORDED = np.linspace(0, 3, 7)
 NONE = np.empty(0, np.intp)
 TRACKS = Tracks(NONE, NONE, np.empty(0), np.empty(0), np.zeros(7, np.intp))
@@ -25,17 +27,17 @@ class StandIn:
         self.expected: list[Floats] = []
         self.solved: list[SimpleNamespace] = []
 
-    def measure(self, tracks: Tracks, theta: Floats, axis: float) -> int:
-        """Return the number of the turn for a measurement."""
+    def measure(self, tracks: Tracks, theta: Floats, axis: float) -> AngleMeasurements:
+        """Return measurements of nothing, with the number of the turn."""
         assert tracks is TRACKS
         assert axis == 31.5
         self.expected.append(theta)
-        return len(self.expected)
+        return replace(AngleMeasurements.none(), failures={TURN: len(self.expected)})
 
-    def solve(self, recorded: Floats, turn: int) -> SimpleNamespace:
+    def solve(self, recorded: Floats, measured: AngleMeasurements) -> SimpleNamespace:
         """Move the fourth angle from where it was expected."""
         np.testing.assert_array_equal(recorded, RECORDED)
-        assert turn == len(self.expected)
+        assert measured.failures[TURN] == len(self.expected)
         theta = self.expected[-1].copy()
         theta[3] += np.deg2rad(next(self.moves))
         self.solved.append(SimpleNamespace(theta=theta))
@@ -47,7 +49,8 @@ def said(moves_deg: Sequence[float], **parameters: float) -> tuple[int, int]:
     stand_in = StandIn(moves_deg)
     real = RefineTheta(**parameters)
     solver = TripletSolver(stand_in, stand_in, real.rounds, real.settled_deg)
-    turn, solution = solver.said(TRACKS, RECORDED, 31.5)
+    measured, solution = solver.said(TRACKS, RECORDED, 31.5)
+    turn = measured.failures[TURN]
     assert solution is stand_in.solved[turn - 1]
     np.testing.assert_array_equal(stand_in.expected[0], RECORDED)
     for expected, before in zip(stand_in.expected[1:], stand_in.solved, strict=False):

@@ -1,4 +1,4 @@
-"""What the parsers of all commands share."""
+"""What all commands share: their options, and how they show what they were given."""
 
 from __future__ import annotations
 
@@ -42,3 +42,8 @@ def row_list(text: str) -> list[int]:
         needed = "10,50,100 or FROM:BEFORE:STEP is needed"
         raise ArgumentTypeError(f"{text!r} names no rows; {needed}")
     return rows
+
+
+def one_line(text: str) -> str:
+    """Return `text` without what would break the line, or command the terminal."""
+    return "".join(each if each.isprintable() else "?" for each in " ".join(text.split()))

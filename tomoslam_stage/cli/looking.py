@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
+import json
 from argparse import ArgumentParser, Namespace
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from tomoslam_stage.cli.arguments import PIPELINE_HELP, add_set, new_parser
+from tomoslam_stage.cli.arguments import PIPELINE_HELP, PROGRAM, add_set, new_parser
+from tomoslam_stage.cli.facts import table
 from tomoslam_stage.errors import DONE, ScanError
+from tomoslam_stage.stopping import Stopped
+
+CHECK_EXAMPLES = f"""\
+examples:
+  {PROGRAM} check my.yaml
+  {PROGRAM} check my.yaml scan.h5 --set refine_theta.width=1024
+"""
+INSPECT_EXAMPLES = f"""\
+examples:
+  {PROGRAM} inspect scan.h5
+  {PROGRAM} inspect scan.nxs --json
+"""
+REVERT_EXAMPLES = f"""\
+example:
+  {PROGRAM} revert scan.h5
+"""
 
 
 def check_parser(program: str) -> ArgumentParser:
     """Make the parser of ``check``."""
     text = "Say what is wrong with a pipeline, and whether it fits a scan; nothing is done."
-    parser = new_parser(program, text)
+    parser = new_parser(program, text, CHECK_EXAMPLES)
     parser.add_argument("pipeline", metavar="PIPELINE", help=PIPELINE_HELP)
     parser.add_argument(
-        "scan", type=Path, nargs="?", metavar="SCAN", help="DXchange (HDF5) file it should fit"
+        "scan", type=Path, nargs="?", metavar="SCAN", help="DXchange or NXtomo file it should fit"
     )
     add_set(parser, "change a parameter first, as in refine_theta.width=320; may be repeated")
     return parser
@@ -45,8 +61,10 @@ def check(args: Namespace) -> int:
 
 def inspect_parser(program: str) -> ArgumentParser:
     """Make the parser of ``inspect``."""
-    parser = new_parser(program, "Say what is in a scan, and what is wrong with it (exit code 3).")
-    parser.add_argument("scan", type=Path, metavar="SCAN", help="DXchange (HDF5) file")
+    text = "Say what is in a scan, and what is wrong with it (exit code 3)."
+    parser = new_parser(program, text, INSPECT_EXAMPLES)
+    parser.add_argument("scan", type=Path, metavar="SCAN", help="DXchange or NXtomo (HDF5) file")
+    parser.add_argument("--json", action="store_true", help="the same facts for programs")
     return parser
 
 
@@ -55,37 +73,16 @@ def inspect(args: Namespace) -> int:
     from tomoslam_stage.scans import describe_scan
 
     facts = describe_scan(args.scan)
-    print(table(facts))
+    print(json.dumps(facts, indent=2) if args.json else table(facts))
     return ScanError.exit_code if facts["problems"] else DONE
-
-
-def table(facts: Mapping[str, Any]) -> str:
-    """Lay out facts in two columns; an item of a list of texts has a line of its own."""
-    width = max(map(len, facts)) + 2
-    lines = []
-    for key, fact in facts.items():
-        texts = fact if isinstance(fact, list) and all(isinstance(f, str) for f in fact) else [fact]
-        labels = [key.replace("_", " "), *[""] * (len(texts) - 1)]
-        lines += [
-            f"{a:<{width}}{_shown(b)}" for a, b in zip(labels, texts or ["none"], strict=True)
-        ]
-    return "\n".join(lines)
-
-
-def _shown(fact: Any) -> str:
-    if fact is None:
-        return "unknown"
-    if isinstance(fact, bool):
-        return "yes" if fact else "no"
-    if isinstance(fact, list):
-        return ", ".join(map(_shown, fact))
-    return f"{fact:.6g}" if isinstance(fact, float) else str(fact)
 
 
 def revert_parser(program: str) -> ArgumentParser:
     """Make the parser of ``revert``."""
-    parser = new_parser(program, "Put the recorded angles of a scan back.")
+    parser = new_parser(program, "Put the recorded angles of a scan back.", REVERT_EXAMPLES)
     parser.add_argument("scan", type=Path, metavar="SCAN", help="file that holds refined angles")
+    text = "write by way of a copy, however large the scan is"
+    parser.add_argument("--safe-copy", action="store_true", help=text)
     return parser
 
 
@@ -93,6 +90,12 @@ def revert(args: Namespace) -> int:
     """Put the recorded angles back."""
     from tomoslam_stage import scans
 
-    scans.revert(args.scan)
+    try:
+        scans.revert(args.scan, safe_copy=args.safe_copy)
+    except Stopped as stop:
+        refined = scans.describe_scan(args.scan)["refined"]
+        angles = "refined angles are still there" if refined else "recorded angles are back"
+        stop.add_note(f"{args.scan.name}: the {angles}")
+        raise
     print(f"{args.scan}: the recorded angles are back")
     return DONE

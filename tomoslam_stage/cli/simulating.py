@@ -6,20 +6,23 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from tomoslam_stage.cli.arguments import add_set, new_parser
+from tomoslam_stage.cli.arguments import PROGRAM, add_set, new_parser
 from tomoslam_stage.console import progress_shown
 from tomoslam_stage.errors import DONE, PipelineError
-from tomoslam_stage.progress import progress
+from tomoslam_stage.stopping import Stopped
 
-if TYPE_CHECKING:
-    from tomoslam_stage.simulation import SimulatedScan
+EXAMPLES = f"""\
+examples:
+  {PROGRAM} simulate out.h5 --phantom grains --error walk:0.05
+  {PROGRAM} simulate out.h5 --error lost_step:1.5 --error jitter:0.02 --seed 7
+"""
 
 
 def simulate_parser(program: str) -> ArgumentParser:
     """Make the parser of ``simulate``."""
-    parser = new_parser(program, "Make a scan of a phantom with known true angles.")
+    parser = new_parser(program, "Make a scan of a phantom with known true angles.", EXAMPLES)
     parser.add_argument("out", type=Path, metavar="OUT", help="DXchange (HDF5) file to make")
     parser.add_argument("--phantom", default="card", help="card, grains, foam or smooth")
     parser.add_argument("--projections", type=int, metavar="N", help="number of projections")
@@ -52,13 +55,18 @@ RECIPE: Mapping[str, str] = {
 def simulate(args: Namespace) -> int:
     """Make a scan whose true angles are known."""
     from tomoslam_stage import simulation
+    from tomoslam_stage.scans import write_simulated
 
     spec = _recipe(args)
     if args.out.exists():
         raise PipelineError(str(args.out), "exists already.", "Choose another name or remove it.")
     scan = simulation.simulate(simulation.recipe_from(spec, "simulate"))
-    with progress_shown():
-        _write_scan(args.out, scan)
+    try:
+        with progress_shown():
+            write_simulated(args.out, scan)
+    except Stopped as stop:
+        stop.add_note(f"{args.out} was {'made' if args.out.exists() else 'not made'}")
+        raise
     print(f"{args.out}: {' x '.join(map(str, scan.shape))} (projections, rows, columns)")
     return DONE
 
@@ -85,20 +93,3 @@ def _angle_error(text: str) -> dict[str, Any]:
     if colon and kind in ANGLE_ERRORS:
         error[fields(ANGLE_ERRORS[kind])[0].name] = size  # type: ignore[arg-type]
     return error
-
-
-def _write_scan(path: Path, scan: SimulatedScan) -> None:
-    import numpy as np
-
-    from tomoslam_stage.scans import ScanContent, create_scan
-
-    content = ScanContent(
-        projections=progress(scan.projections(), "simulating", scan.shape[0]),
-        flats=scan.whites,
-        darks=scan.darks,
-        theta_deg=np.degrees(scan.theta_recorded),
-        true_theta_deg=np.degrees(scan.theta_true),
-        true_axis_px=scan.axis,
-        parameters=scan.recipe.described(),
-    )
-    create_scan(path, content)

@@ -24,7 +24,7 @@ from tomoslam_stage.stages.preparing import Functions
 from tomoslam_stage.stages.recon import Recon
 from tomoslam_stage.stages.reconstructing import Reconstruct
 from tomoslam_stage.stages.refining import RefineTheta
-from tomoslam_stage.stages.work import Fitted, Loader, Stage, Work
+from tomoslam_stage.stages.work import Fitted, Loader, Stage, Work, Writer
 from tomoslam_stage.stages.writing import WriteTheta
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ __all__ = [
     "Modules",
     "Stage",
     "Work",
+    "Writer",
     "compare",
     "load_scan",
     "reconstruct",

@@ -23,10 +23,15 @@ SIGNIFICANCE = 3.0
 class Choice:
     """Weighs features against the map, by data that neither used and by how well the map holds."""
 
-    most_excess: Annotated[float, Field(gt=1)] = 2.5
+    most_excess: Annotated[float, Field(gt=1)] = 3.0
     """Residual of the worst projection, in units of the usual one, up to which the map holds: thick
     projections that its linear model cannot explain pull good angles away, and rows that were not
     used do not show it."""
+    suspect_excess: Annotated[float, Field(gt=1)] = 2.0
+    """The same from which on the map is looked at more closely before that is said."""
+    hopeless_excess: Annotated[float, Field(gt=1)] = 8.0
+    """The same from which on nothing is believed: what breaks the map, a sample that moves or a
+    beam that is not parallel, misleads the features, too."""
     agreement: Annotated[float, Field(gt=0)] = 3.0
     """Standard deviations that both may be apart and still be used together."""
 
@@ -50,11 +55,15 @@ class Choice:
         theta
             (n,) radians, recorded.
         """
+        if excess > self.hopeless_excess:
+            moves = "too badly for a sample that stands still in a parallel beam"
+            why = f"left out: some projections fit {excess:.0f} times worse than usual, {moves}"
+            return dict.fromkeys(found, why)
+        if MAP in found and excess > self.most_excess and avoidable(found, squares, theta):
+            why = f"left out: some projections fit {excess:.1f} times worse than usual"
+            return {name: why if name == MAP else USED for name in found}
         if len(found) < 2:
             return dict.fromkeys(found, USED)
-        if excess > self.most_excess and falls(squares, FEATURES, RECORDED, theta):
-            why = f"left out: some projections fit {excess:.1f} times worse than usual"
-            return {FEATURES: USED, MAP: why}
         if agree(found[FEATURES], found[MAP], self.agreement):
             return {FEATURES: USED, MAP: USED}
         apart = rms_difference(found[FEATURES].geometry.theta, found[MAP].geometry.theta)
@@ -62,6 +71,17 @@ class Choice:
         why = f"left out: {degrees:.2g} degrees apart, and unused rows speak for the other"
         lower = FEATURES if falls(squares, FEATURES, MAP, theta) else MAP
         return {name: USED if name == lower else why for name in found}
+
+
+def avoidable(found: Mapping[str, Fused], squares: Mapping[str, Floats], theta: Floats) -> bool:
+    """Whether one can do without a map that does not hold: features are better than nothing.
+
+    Where shifts are unknown it is worse than nothing: they take up what the map cannot explain, and
+    unused rows reproject better with whatever angles go with them.
+    """
+    if "shift" in found[MAP].geometry.unknowns:
+        return True
+    return FEATURES in found and falls(squares, FEATURES, RECORDED, theta)
 
 
 def falls(squares: Mapping[str, Floats], name: str, other: str, theta: Floats) -> bool:

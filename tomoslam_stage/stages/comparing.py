@@ -19,17 +19,17 @@ class Compare:
     makes: ClassVar = ("comparison",)
 
     save_tiff: bool = False
-    """Write the slices as float32 TIFF files, too."""
+    """Write the slices as stacks of float32 TIFF pages, too: ``slices/refined.tif`` and so on."""
 
     def run(self, work: Work) -> SideOutputs:
         """Leave the comparison and the report, and write its files."""
         scan, refinement = made(work.scan, "scan"), made(work.refinement, "refinement")
         slices = made(work.reconstructions, "reconstructions")
-        truth = scans.read_truth(work.path)
+        truth = scans.read_truth(work.path, scan.frames)
         compared = comparison.compare(refinement, slices, truth)
         work.comparison = compared
-        findings = comparison.Findings(scan, refinement, slices, compared, truth)
-        run = comparison.Run(dict(work.seconds), work.pipeline)
+        findings = comparison.Findings(scan, refinement, slices, compared, truth, work.tracks)
+        run = comparison.Run(dict(work.seconds), work.pipeline, work.started)
         work.report = comparison.write_report(work.folder, findings, run)
         # The halves serve the Fourier ring correlation, and nobody else.
         wholes = comparison.wholes(slices)

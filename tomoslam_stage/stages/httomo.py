@@ -18,7 +18,7 @@ WHERE = "standard_tomo"
 
 @method
 class StandardTomo:
-    """Open a DXchange scan as HTTomo does: flats and the logarithm are entries of their own.
+    """Open a scan as HTTomo does: flats and the logarithm are entries of their own.
 
     Where the entries leave them out, they are done before the angles are refined.
     """
@@ -28,34 +28,51 @@ class StandardTomo:
     leaves: ClassVar[tuple[Values, ...]] = ("counts", "transmission", "line_integrals")
 
     data_path: str = "auto"
-    """``auto`` or ``/exchange/data``."""
+    """``auto``, or where the scan has its projections."""
     image_key_path: str | None = None
-    """DXchange has none."""
+    """Null, ``auto``, or where an NXtomo entry tells its frames apart."""
     rotation_angles: Any = "auto"
-    """``auto`` or ``data_path: /exchange/theta``."""
+    """``auto``, or ``data_path:`` where the scan has its angles."""
     darks: Any = None
-    """None, or ``file: input_data`` and ``data_path: /exchange/data_dark``."""
+    """Null, or ``file: input_data`` and ``data_path: /exchange/data_dark``."""
     flats: Any = None
-    """None, or ``file: input_data`` and ``data_path: /exchange/data_white``."""
+    """Null, or ``file: input_data`` and ``data_path: /exchange/data_white``."""
     preview: Any = None
-    """Cropping is not taken: the refinement reads what it needs."""
+    """Null. Cropping is not taken: the refinement reads what it needs."""
 
     def __post_init__(self) -> None:
-        _check_path("data_path", self.data_path, "/exchange/data")
-        if self.image_key_path not in (None, "auto"):
-            _refuse("image_key_path", self.image_key_path, "null is needed: DXchange has no keys")
-        _check_path("rotation_angles", _angles_path(self.rotation_angles), "/exchange/theta")
-        _check_frames("darks", self.darks, "/exchange/data_dark")
-        _check_frames("flats", self.flats, "/exchange/data_white")
+        if not isinstance(_angles_path(self.rotation_angles), str):
+            needed = "auto, or `data_path: ` and a path are needed"
+            _refuse("rotation_angles", self.rotation_angles, needed)
+        _check_frames("darks", self.darks)
+        _check_frames("flats", self.flats)
         if self.preview is not None and any(dict(self.preview).values()):
             _refuse("preview", self.preview, "null is needed; `rows` of reconstruct chooses slices")
 
     def run(self, work: Work) -> SideOutputs:
-        """Leave the scan; find out now whether angles could be written at the end."""
+        """Leave the scan."""
         return loaded(self.opened(work.path), work)
 
     def opened(self, path: Path) -> Scan:
-        """Open the scan at `path`, its values as they are stored."""
+        """Open the scan at `path`, its values as they are stored.
+
+        Raises
+        ------
+        PipelineError
+            For a path in the file that is not what its layout has there.
+        """
+        found = scans.find_paths(path)
+        given = {
+            "data_path": self.data_path,
+            "image_key_path": self.image_key_path,
+            "rotation_angles": _angles_path(self.rotation_angles),
+            "darks.data_path": _frames_path(self.darks),
+            "flats.data_path": _frames_path(self.flats),
+        }
+        for key, place in given.items():
+            if place not in (None, "auto") and f"/{place.strip('/')}" not in found[key]:
+                needed = f"auto or {found[key][0]}" if found[key] else "null"
+                _refuse(key, place, f"{needed} is needed for {path.name}")
         return scans.open_as_stored(path)
 
 
@@ -65,17 +82,15 @@ def _angles_path(given: Any) -> Any:
     return given
 
 
-def _check_path(key: str, given: Any, needed: str) -> None:
-    if given != "auto" and f"/{given}".replace("//", "/") != needed:
-        _refuse(key, given, f"auto or {needed} is needed: scans are read in the DXchange layout")
+def _frames_path(given: Any) -> str | None:
+    return None if given is None else given["data_path"]
 
 
-def _check_frames(key: str, given: Any, needed: str) -> None:
-    if given is None:
-        return
-    if not isinstance(given, Mapping) or given.get("file") != "input_data":
-        _refuse(key, given, f"null, or `file: input_data` and `data_path: {needed}` are needed")
-    _check_path(f"{key}.data_path", given.get("data_path"), needed)
+def _check_frames(key: str, given: Any) -> None:
+    told = isinstance(given, Mapping) and isinstance(given.get("data_path"), str)
+    if given is not None and not (told and given.get("file") == "input_data"):
+        needed = "null, or `file: input_data` and `data_path: ` and a path are needed"
+        _refuse(key, given, needed)
 
 
 def _refuse(key: str, given: Any, needed: str) -> None:

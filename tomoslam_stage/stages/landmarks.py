@@ -50,7 +50,7 @@ class Turns:
         start
             Geometry to begin with.
         solve
-            The factor graph: change (n + 2,) wanted at a geometry, given what sightings say there.
+            The factor graph: change (k,) wanted at a geometry, given what sightings say there.
         """
         tracks, geometry = seen.tracks.sighted(self.tracking.growing.fewest), start
         result = None

@@ -13,6 +13,7 @@ from tomoslam_stage.comparison import HALVES
 from tomoslam_stage.errors import PipelineError
 from tomoslam_stage.geometry import around
 from tomoslam_stage.heldout import textured
+from tomoslam_stage.images import still
 from tomoslam_stage.methods import chosen_from, method, name_of
 from tomoslam_stage.products import (
     Floats,
@@ -40,8 +41,9 @@ from tomoslam_stage.stages.work import SideOutputs, Work, check_axis, made
 class Reconstruct:
     """Reconstruct the same slices from the recorded and from the refined angles.
 
-    Each set of angles has the axis that suits it best. The refined angles are turned as a whole
-    until their mean change is zero: a common angle turns the slices and improves nothing.
+    Each set of angles has the axis that suits it best, and the shifts of projections that were
+    found with it. The refined angles are turned as a whole until their mean change is zero: a
+    common angle turns the slices and improves nothing.
     """
 
     needs: ClassVar = ("scan", "refinement")
@@ -65,7 +67,7 @@ class Reconstruct:
     def run(self, work: Work) -> SideOutputs:
         """Leave the reconstructions; of simulated scans one from the true angles, too."""
         scan, refinement = work.line_integrals(), made(work.refinement, "refinement")
-        truth = scans.read_truth(work.path)
+        truth = scans.read_truth(work.path, scan.frames)
         work.reconstructions = self.reconstruct(scan, refinement, truth)
         return {}
 
@@ -76,12 +78,15 @@ class Reconstruct:
         if self.rows is not None:
             self._named_rows(self.rows, scan)
 
-    def alone(self, scan: Scan, axis: float) -> Pixels:
-        """Slices (r, z, x) from the angles of `scan` as they are, the axis at this column, px."""
+    def alone(self, scan: Scan, axis: float, shift: Floats | None = None) -> Pixels:
+        """Slices (r, z, x) from the angles of `scan` as they are, the axis at this column, px.
+
+        Each projection is taken to lie by its own of `shift` (n,) px to the right.
+        """
         self.check_fits(scan)
         rows = self._rows(scan)
         whole = Part(rows, scan.sinograms(rows), np.arange(scan.n_projections))
-        return self._reconstructed(View(scan.theta, axis), whole).slices
+        return self._reconstructed(View(scan.theta, axis, shift), whole).slices
 
     def reconstruct(
         self, scan: Scan, refinement: Refinement, truth: Truth | None = None
@@ -106,6 +111,8 @@ class Reconstruct:
         if self.axis is not None:
             column = scan.column_from_file(self.axis)
             refinement = replace(refinement, axes=dict.fromkeys(refinement.axes, column))
+        if truth is not None and truth.shift is not None:
+            truth = replace(truth, shift=truth.shift / scan.binning)
         return {
             name + ending: self._reconstructed(view, part)
             for name, view in views(whole.sinograms, refinement, truth).items()
@@ -115,7 +122,9 @@ class Reconstruct:
     def _reconstructed(self, view: View, part: Part) -> Reconstruction:
         backend = choose_backend(self.backend, self.algorithm)
         theta = view.theta[part.projections]
-        made = backend.reconstruct(self.algorithm, part.sinograms, theta, view.axis)
+        shift = None if view.shift is None else view.shift[part.projections]
+        sinograms = still(part.sinograms, shift)
+        made = backend.reconstruct(self.algorithm, sinograms, theta, view.axis)
         return Reconstruction(
             theta=theta,
             axis=view.axis,
@@ -172,19 +181,25 @@ class View(NamedTuple):
     """(n,) radians."""
     axis: float
     """Detector column, px."""
+    shift: Floats | None = None
+    """(n,) px that each projection lies to the right, where some do."""
 
 
 def views(sinograms: Pixels, refinement: Refinement, truth: Truth | None) -> dict[str, View]:
-    """By name: each set of angles, turned over the recorded ones, with the axis that suits it."""
+    """By name: each set of angles, turned over the recorded ones, with the axis that suits it.
+
+    The shifts of `truth` are in px of `sinograms` (r, n, column).
+    """
     recorded, axes = refinement.recorded, refinement.axes
     by_name = {
         "recorded": View(recorded, axes["recorded"]),
-        "refined": View(turned_to(recorded, refinement.refined), axes["refined"]),
+        "refined": View(turned_to(recorded, refinement.refined), axes["refined"], refinement.shift),
     }
     if truth is not None:
         theta = turned_to(recorded, truth.theta)
-        axis = Reprojection().best_axis(sinograms, theta, axes["refined"], step=0.5)
-        by_name["true"] = View(theta, axis)
+        aligned = still(sinograms, truth.shift)
+        axis = Reprojection().best_axis(aligned, theta, axes["refined"], step=0.5)
+        by_name["true"] = View(theta, axis, truth.shift)
     return by_name
 
 

@@ -2,31 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from tomoslam_stage.angles import Triplets
-from tomoslam_stage.errors import PipelineError
+from tomoslam_stage.angles import LoopClosure, Triplets
+from tomoslam_stage.errors import PipelineError, nearest
 from tomoslam_stage.geometry import rms
 from tomoslam_stage.heldout import Rows, hold_out
+from tomoslam_stage.images import still
 from tomoslam_stage.mapping import Mapping
 from tomoslam_stage.methods import method
-from tomoslam_stage.products import Floats, Geometry, Integers, Pixels, Refinement, Scan, Values
+from tomoslam_stage.parallel import on_one_thread
+from tomoslam_stage.products import (
+    STILL,
+    UNKNOWNS,
+    Closures,
+    Floats,
+    Geometry,
+    Integers,
+    Pixels,
+    Refinement,
+    Scan,
+    Tracks,
+    Unknown,
+    Values,
+)
 from tomoslam_stage.refinement import (
     FactorGraph,
     Landmarks,
     evidence_of,
     nothing_measured,
+    rigidity,
     weigh,
 )
 from tomoslam_stage.reprojection import Reprojection
 from tomoslam_stage.scans import binned
 from tomoslam_stage.stages.choosing import Choice
 from tomoslam_stage.stages.sources import Outcome, Sources, counted
-from tomoslam_stage.stages.triplets import Found, TripletSolver
+from tomoslam_stage.stages.triplets import Found, TripletSolver, closed
 from tomoslam_stage.stages.work import Clock, SideOutputs, Work, check_axis
 from tomoslam_stage.tracks import Tracking
 
@@ -54,6 +71,11 @@ class Unused:
         self.axes["refined"] = self.axes["recorded"]
         self.squares["refined"] = self.squares["recorded"]
 
+    def shift_in(self, scan: Scan, geometry: Geometry) -> Floats | None:
+        """(n,) px of `scan`: the shifts of `geometry`; None where they are known."""
+        px = self.scan.binning / scan.binning
+        return px * geometry.shift if "shift" in geometry.unknowns else None
+
     def told_in(self, scan: Scan) -> dict[str, Any]:
         """Return the fields of a `Refinement` that tell about these rows, in px of `scan`."""
         columns = {name: self.scan.column_in_file(axis) for name, axis in self.axes.items()}
@@ -62,6 +84,34 @@ class Unused:
             "reprojection": {name: np.sqrt(s.mean(axis=0)) for name, s in self.squares.items()},
             "heldout_rows": self.rows * self.scan.binning // scan.binning,
         }
+
+
+class Refined(NamedTuple):
+    """What `RefineTheta` came to."""
+
+    refinement: Refinement
+    tracks: Tracks | None
+    """Of the features it used, px of the scan; None where there are none."""
+
+
+def known_unknowns(names: Any) -> Any:
+    """Check the names of what is unknown.
+
+    Raises
+    ------
+    PipelineError
+        For one that is not there, and where the angles are not among them.
+    """
+    where = "refine_theta.unknowns"
+    if isinstance(names, str) or not isinstance(names, Sequence):
+        return names
+    for name in names:
+        if name not in UNKNOWNS:
+            raise PipelineError(where, f"no unknown {name!r}.", nearest(str(name), UNKNOWNS))
+    if "theta" not in names:
+        found = f"{list(names)}; theta is needed, as it is what is refined."
+        raise PipelineError(where, found, "Add it.")
+    return tuple(name for name in UNKNOWNS if name in names)
 
 
 @method
@@ -75,6 +125,10 @@ class RefineTheta:
 
     axis: float | None = None
     """Detector column of the rotation axis, px of the file; looked for where not given."""
+    unknowns: Annotated[tuple[Unknown, ...], BeforeValidator(known_unknowns)] = STILL
+    """What is solved for: ``theta`` and, where named, ``axis`` and ``roll`` (else held where they
+    were found, and at none) and ``shift``, a column shift of each projection, for samples that
+    moved on the stage."""
     width: Annotated[int, Field(ge=64)] = 640
     """Wider scans are binned until they have at most so many columns."""
     rounds: Annotated[int, Field(ge=1)] = 4
@@ -85,10 +139,14 @@ class RefineTheta:
     """How features are found and followed."""
     angles: Triplets | None = None
     """How the steps between projections are measured in triplets; null: not at all."""
+    closures: LoopClosure | None = None
+    """How projections are compared with those of half a turn and a full turn before; null: not."""
     landmarks: Landmarks | None = field(default_factory=Landmarks)
     """How features are placed together with the angles; null: not at all."""
     mapping: Mapping | None = field(default_factory=Mapping)
     """How the reconstruction itself tells the angles; null: not at all."""
+    closer: Mapping | None = field(default_factory=Mapping.closer)
+    """How it looks again where some projections do not fit (`choice.most_excess`); null: not."""
     choice: Choice = field(default_factory=Choice)
     """Which of these is believed."""
     refinement: FactorGraph = field(default_factory=FactorGraph)
@@ -100,10 +158,19 @@ class RefineTheta:
         if self.angles is None and self.landmarks is None and self.mapping is None:
             found = "angles, landmarks and mapping are all null; one of them is needed."
             raise PipelineError("refine_theta", found)
+        still_only = {
+            "angles measures triplets": self.angles,
+            "closures compares projections": self.closures,
+        }
+        for does, how in still_only.items():
+            if "shift" in self.unknowns and how is not None:
+                found = f"shift is unknown, and {does}, which take the sample for still."
+                raise PipelineError("refine_theta.unknowns", found, "Leave one of them out.")
 
     def run(self, work: Work) -> SideOutputs:
         """Leave the refinement."""
-        work.refinement = self.refine(work.line_integrals(), Clock(work.seconds))
+        clock = Clock(work.seconds)
+        work.refinement, work.tracks = self.refined(work.line_integrals(), clock)
         return {"status": work.refinement.status, "axis": work.refinement.axis}
 
     def check_fits(self, scan: Scan) -> None:
@@ -112,7 +179,15 @@ class RefineTheta:
 
     def refine(self, scan: Scan, clock: Clock) -> Refinement:
         """Refine the angles of `scan`; `clock` hears how long each station takes."""
+        return self.refined(scan, clock).refinement
+
+    def refined(self, scan: Scan, clock: Clock) -> Refined:
+        """Do what `refine` does, and show the tracks, too."""
         self.check_fits(scan)
+        with on_one_thread():
+            return self._refined(scan, clock)
+
+    def _refined(self, scan: Scan, clock: Clock) -> Refined:
         small = binned(scan, -(-scan.n_columns // self.width))
         rows = hold_out(small)
         unused = Unused(small, rows.heldout, small.sinograms(rows.heldout))
@@ -122,12 +197,14 @@ class RefineTheta:
             return self._by_triplets(scan, rows, unused, clock)
         return self._by_sources(scan, rows, unused, clock)
 
-    def _judge(self, name: str, theta: Floats, unused: Unused) -> None:
-        """Reproject the unused rows with `theta` and the axis that suits it best."""
-        judge, sinograms = self.reprojection, unused.sinograms
+    def _judge(self, name: str, theta: Floats, unused: Unused, shift: Floats | None = None) -> None:
+        """Reproject the unused rows with `theta`, `shift` and the axis that suits them best."""
+        judge, sinograms = self.reprojection, still(unused.sinograms, shift)
         few = sinograms[:: -(-len(sinograms) // AXIS_ROWS)]
         if self.axis is not None:
             axis = unused.scan.column_from_file(self.axis)
+        elif unused.axes and "axis" not in self.unknowns:
+            axis = unused.axes["recorded"]
         elif unused.axes:
             axis = judge.best_axis(few, theta, unused.axes["recorded"], step=0.5)
         else:
@@ -135,22 +212,24 @@ class RefineTheta:
         unused.axes[name] = axis
         unused.squares[name] = judge.squares(sinograms, theta, axis)
 
-    def _by_triplets(self, scan: Scan, rows: Rows, unused: Unused, clock: Clock) -> Refinement:
+    def _by_triplets(self, scan: Scan, rows: Rows, unused: Unused, clock: Clock) -> Refined:
         """Refine as the paper does."""
         small, axis = unused.scan, unused.axes["recorded"]
         with clock("tracks"):
             tracks = self.tracks.track(small, axis, rows.usable)
+        loops = closed(self.closures, small, rows, Geometry(scan.theta, axis), clock)
         with clock("triplets"):
-            found = self._triplets().found(tracks, scan.theta, axis, small.n_rows)
+            found = self._triplets(loops).found(tracks, scan.theta, axis, small.n_rows)
+        shown = tracks_in(scan, small, tracks) if tracks.n_sightings else None
         with clock("gate"):
             if not found.measurements.n_measured:
-                return unmeasured(scan, found, unused)
+                return Refined(unmeasured(scan, found, unused), shown)
             self._judge("refined", found.solution.theta, unused)
-            return self._judged(scan, found, unused)
+            return Refined(self._judged(scan, found, unused), shown)
 
-    def _triplets(self) -> TripletSolver:
+    def _triplets(self, loops: Closures) -> TripletSolver:
         angles = self.angles or Triplets()
-        return TripletSolver(angles, self.refinement, self.rounds, self.settled_deg)
+        return TripletSolver(angles, self.refinement, self.rounds, self.settled_deg, loops)
 
     def _judged(self, scan: Scan, found: Found, unused: Unused) -> Refinement:
         evidence = weigh(scan.theta, found.halves, unused.squares)
@@ -168,29 +247,37 @@ class RefineTheta:
             **unused.told_in(scan),
         )
 
-    def _by_sources(self, scan: Scan, rows: Rows, unused: Unused, clock: Clock) -> Refinement:
+    def _by_sources(self, scan: Scan, rows: Rows, unused: Unused, clock: Clock) -> Refined:
         """Refine with features as landmarks, the map, or both, in one graph."""
         small = unused.scan
-        start = Geometry(scan.theta, unused.axes["recorded"], middle=(small.n_rows - 1) / 2)
+        start = Geometry(
+            scan.theta,
+            unused.axes["recorded"],
+            middle=(small.n_rows - 1) / 2,
+            unknowns=self.unknowns,
+        )
 
-        def judge(name: str, theta: Floats) -> Floats:
+        def judge(name: str, geometry: Geometry) -> Floats:
             if name not in unused.squares:
-                self._judge(name, theta, unused)
+                self._judge(name, geometry.theta, unused, geometry.shift)
             return unused.squares[name]
 
         sources = Sources(
             self.tracks,
             self.angles,
+            self.closures,
             self.landmarks,
             self.mapping,
+            self.closer,
             self.choice,
             self.refinement,
             self.rounds,
             self.settled_deg,
         )
         outcome = sources.ask(small, rows, start, judge, clock)
+        tracks = None if outcome.tracks is None else tracks_in(scan, small, outcome.tracks)
         with clock("gate"):
-            return self._weighed(scan, outcome, unused)
+            return Refined(self._weighed(scan, outcome, unused), tracks)
 
     def _weighed(self, scan: Scan, outcome: Outcome, unused: Unused) -> Refinement:
         """Let the gate judge what the sources came to."""
@@ -198,12 +285,16 @@ class RefineTheta:
             return unanswered(scan, outcome, unused)
         fused, recorded = outcome.fused, scan.theta
         theta = fused.geometry.theta
-        self._judge("refined", theta, unused)
+        self._judge("refined", theta, unused, fused.geometry.shift)
         change = float(np.std(theta - recorded))
         errors = fused.half_error, float(np.sqrt(max(change**2 - fused.half_error**2, 0.0)))
+        how = self.landmarks or Landmarks()
         evidence = replace(
             evidence_of(recorded, errors, 1.0, unused.squares),
             sigma_deg=float(np.rad2deg(rms(fused.sigma))),
+            rigidity=None
+            if outcome.tracks is None
+            else rigidity(outcome.tracks, fused.geometry, how, unused.scan.binning),
         )
         verdict = self.refinement.gate.judge(evidence)
         return Refinement(
@@ -219,10 +310,20 @@ class RefineTheta:
             # Where the angles do not stand, neither do the lapses that they show.
             events=outcome.events if verdict.status == "accepted" else (),
             roll=fused.geometry.roll,
+            unknowns=self.unknowns,
+            shift=unused.shift_in(scan, fused.geometry),
             stage_noise=outcome.noise,
             histograms=outcome.histograms,
             **unused.told_in(scan),
         )
+
+
+def tracks_in(scan: Scan, small: Scan, tracks: Tracks) -> Tracks:
+    """Tell tracks in px of `scan` that were followed in `small`, the same scan binned."""
+    pixel = small.binning / scan.binning
+    # Centres of pixels lie on whole numbers, so the first centre moves by half of what was added.
+    column, row = (places * pixel + (pixel - 1) / 2 for places in (tracks.column, tracks.row))
+    return replace(tracks, column=column, row=row)
 
 
 def unanswered(scan: Scan, outcome: Outcome, unused: Unused) -> Refinement:

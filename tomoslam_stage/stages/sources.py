@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from tomoslam_stage.angles import Triplets
+from tomoslam_stage.angles import LoopClosure, Triplets
 from tomoslam_stage.heldout import Rows
 from tomoslam_stage.mapping import Mapping as MapFactor
 from tomoslam_stage.products import (
@@ -35,15 +36,18 @@ from tomoslam_stage.refinement import (
 )
 from tomoslam_stage.stages.choosing import FEATURES, MAP, RECORDED, USED, Choice, falls
 from tomoslam_stage.stages.landmarks import FEWEST, Placed, Turns
-from tomoslam_stage.stages.triplets import TripletSolver
+from tomoslam_stage.stages.triplets import TripletSolver, closed
 from tomoslam_stage.stages.work import Clock
 from tomoslam_stage.tracks import Seen, Tracking, halves
 
+CLOSE_COLUMNS = 400
+"""Wider scans are binned as usual when they are looked at more closely: it would take minutes."""
 ASTRAY = 3.0
 """Standard deviations by which another noise of the stage may change the angles."""
 
-Judge = Callable[[str, Floats], Floats]
-"""Reproject rows that were not used with angles of this name: (r, n) mean squared residual."""
+Judge = Callable[[str, Geometry], Floats]
+"""Reproject rows that were not used with the angles, and the shifts, of this name: (r, n) mean
+squared residual. The axis that suits them best is looked for."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ class Outcome:
     """Numbers for the report."""
     histograms: Mapping[str, Floats] = field(default_factory=dict)
     """What the report draws histograms of, see `Refinement`."""
+    tracks: Tracks | None = None
+    """Of the features that were placed, px of the binned scan."""
 
 
 @dataclass
@@ -78,8 +84,14 @@ class Heard:
     """For the report."""
     histograms: dict[str, Floats] = field(default_factory=dict)
     """For the report, too."""
+    tracks: Tracks | None = None
+    """For the report, too."""
     excess: float = 1.0
     """Residual of the worst projection in the map's account, in units of the usual one."""
+
+    def for_report(self) -> dict[str, Any]:
+        """Return the fields of an `Outcome` that only the report reads."""
+        return {"counts": self.counts, "histograms": self.histograms, "tracks": self.tracks}
 
 
 @dataclass(frozen=True)
@@ -88,8 +100,10 @@ class Sources:
 
     tracks: Tracking
     angles: Triplets | None
+    closures: LoopClosure | None
     landmarks: Landmarks | None
     mapping: MapFactor | None
+    closer: MapFactor | None
     choice: Choice
     graph: FactorGraph
     rounds: int
@@ -111,15 +125,19 @@ class Sources:
         clock
             Hears how long each station takes.
         """
-        heard = Heard({RECORDED: judge(RECORDED, start.theta)})
-        measurements = AngleMeasurements.none()
+        heard = Heard({RECORDED: judge(RECORDED, start)})
+        loops = closed(self.closures, scan, rows, start, clock)
+        heard.counts |= {"loops closed": len(loops)} if self.closures else {}
+        measurements = replace(AngleMeasurements.none(), closures=loops)
         if self.landmarks is not None or self.angles is not None:
             with clock("tracks"):
                 seen = self.tracks.see(scan, start.axis, rows.usable)
             heard.counts |= counted(seen.tracks)
             if self.angles is not None:
                 with clock("triplets"):
-                    turns = TripletSolver(self.angles, self.graph, self.rounds, self.settled_deg)
+                    turns = TripletSolver(
+                        self.angles, self.graph, self.rounds, self.settled_deg, loops
+                    )
                     measurements, _ = turns.said(seen.tracks, start.theta, start.axis)
                 heard.counts["triplets measured"] = measurements.n_measured
         solve = solver_with(self.graph, start, measurements)
@@ -155,6 +173,7 @@ class Sources:
             return
         heard.counts |= counted(whole.tracks)
         heard.histograms |= drawn(whole)
+        heard.tracks = whole.tracks
         ended, quadratic = whole.adjusted.geometry, whole.adjusted.quadratic
         ends = [landmarks.adjust(half, ended, solve) for half in parts]
         apart = ends[0].geometry.since(ends[1].geometry)
@@ -163,14 +182,19 @@ class Sources:
             quadratic=quadratic,
             # Each half has half of the information; its pull leads to where it ended.
             halves=quadratic.information @ apart / 2,
-            bias=np.zeros(len(apart)),
+            biases=np.zeros((0, len(apart))),
         )
 
     def _ask_map(
         self, heard: Heard, scan: Scan, usable: Integers, begin: Geometry, solve: Solve
     ) -> None:
         """Let the reconstruction correct the angles."""
-        mapped = (self.mapping or MapFactor()).refine(scan, usable, begin, solve)
+        mapping = self.mapping or MapFactor()
+        mapped = mapping.refine(scan, usable, begin, solve)
+        if self.closer and mapped and mapped.excess > self.choice.suspect_excess:
+            narrow = scan.n_columns <= CLOSE_COLUMNS
+            closer = self.closer if narrow else replace(self.closer, binning=mapping.binning)
+            mapped = closer.refine(scan, usable, begin, solve) or mapped
         if mapped is None:
             asked = f"{len(usable)} rows of {scan.n_projections} projections"
             heard.notes[MAP] = f"left out: {asked} say nothing about the angles"
@@ -181,13 +205,13 @@ class Sources:
             geometry=mapped.geometry,
             quadratic=mapped.quadratic,
             halves=mapped.row_pulls[::2].sum(axis=0) - mapped.row_pulls[1::2].sum(axis=0),
-            bias=mapped.prior_pull,
+            biases=mapped.bias_pulls,
         )
 
     @staticmethod
     def _judge(name: str, heard: Heard, judge: Judge) -> None:
         if name in heard.said:
-            heard.squares[name] = judge(name, heard.said[name].geometry.theta)
+            heard.squares[name] = judge(name, heard.said[name].geometry)
 
     @staticmethod
     def _best_start(heard: Heard, start: Geometry) -> Geometry:
@@ -208,10 +232,10 @@ class Sources:
             honest(heard.said[name], alone[name]) for name, note in chosen.items() if note == USED
         ]
         if not used:
-            return Outcome(None, notes, counts=heard.counts, histograms=heard.histograms)
+            return Outcome(None, notes, **heard.for_report())
         joint, noise = self._with_noise(used, recorded, measurements)
         events = lapses(recorded.theta, joint.geometry.theta - recorded.theta, joint.covariance)
-        return Outcome(joint, notes, events, noise, heard.counts, heard.histograms)
+        return Outcome(joint, notes, events, noise, **heard.for_report())
 
     def _with_noise(
         self, used: Sequence[Said], recorded: Geometry, measurements: AngleMeasurements

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tomoslam_stage.angles import Triplets
-from tomoslam_stage.products import AngleMeasurements, Floats, Tracks
+from tomoslam_stage.angles import LoopClosure, Triplets
+from tomoslam_stage.geometry import spread
+from tomoslam_stage.heldout import Rows
+from tomoslam_stage.products import AngleMeasurements, Closures, Floats, Geometry, Scan, Tracks
 from tomoslam_stage.refinement import FactorGraph, Halves, Solution
+from tomoslam_stage.stages.work import Clock
 from tomoslam_stage.tracks import halves
 
 
@@ -31,6 +34,8 @@ class TripletSolver:
     graph: FactorGraph
     rounds: int
     settled_deg: float
+    closures: Closures = field(default_factory=Closures.none)
+    """Where loops close; they do not depend on tracks."""
 
     def found(self, tracks: Tracks, recorded: Floats, axis: float, n_rows: int) -> Found:
         """Ask all tracks, and either half of them."""
@@ -54,7 +59,8 @@ class TripletSolver:
         changes: list[float] = []
         expected = recorded
         for _ in range(self.rounds):
-            measurements = self.angles.measure(tracks, expected, axis)
+            triplets = self.angles.measure(tracks, expected, axis)
+            measurements = replace(triplets, closures=self.closures)
             solution = self.graph.solve(recorded, measurements)
             said.append((measurements, solution))
             changes.append(float(np.rad2deg(np.abs(solution.theta - expected).max())))
@@ -64,3 +70,15 @@ class TripletSolver:
                 break
             expected = solution.theta
         return said[-1]
+
+
+def closed(
+    how: LoopClosure | None, scan: Scan, rows: Rows, start: Geometry, clock: Clock
+) -> Closures:
+    """Close loops, if asked, on rows that may be used."""
+    if how is None:
+        return Closures.none()
+    with clock("closures"):
+        usable = np.flatnonzero(rows.usable)
+        some = usable[spread(len(usable), how.rows)]
+        return how.measure(scan.sinograms(some), start.theta, start.axis)

@@ -11,7 +11,7 @@ from time import perf_counter
 from typing import Any, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 from tomoslam_stage.errors import PipelineError
-from tomoslam_stage.products import Comparison, Reconstructions, Refinement, Scan
+from tomoslam_stage.products import Comparison, Reconstructions, Refinement, Scan, Tracks
 from tomoslam_stage.scans import line_integrals, now
 
 log = logging.getLogger(__name__)
@@ -39,6 +39,8 @@ class Work:
     pipeline: list[dict[str, Any]] = field(default_factory=list)
     """The pipeline as run, all defaults filled in."""
     scan: Scan | None = None
+    tracks: Tracks | None = None
+    """Of the features that gave the angles, px of `scan`; None where there are none."""
     refinement: Refinement | None = None
     reconstructions: Reconstructions | None = None
     comparison: Comparison | None = None
@@ -80,6 +82,15 @@ class Fitted(Protocol):
 
     def check_fits(self, scan: Scan) -> None:
         """Raise a `PipelineError` where they do not; read no projection."""
+        ...
+
+
+@runtime_checkable
+class Writer(Protocol):
+    """A stage that writes where something may stand in the way."""
+
+    def check_writable(self, work: Work) -> None:
+        """Raise a `ScanError` where it does; this is asked before any work, and after loading."""
         ...
 
 

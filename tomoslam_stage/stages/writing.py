@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from tomoslam_stage import scans
 from tomoslam_stage.comparison import versions
+from tomoslam_stage.frames import of_all_frames, shift_in_file
 from tomoslam_stage.methods import method
 from tomoslam_stage.stages.work import SideOutputs, Work, made
 
@@ -18,6 +19,16 @@ class WriteTheta:
     """Write the refined angles back, if they were accepted; else touch nothing."""
 
     needs: ClassVar = ("scan", "refinement")
+
+    safe_copy: bool = False
+    """Edit a copy and put it in place, as is done up to 256 MB, however large the scan is."""
+
+    def check_writable(self, work: Work) -> None:
+        """Refuse what could not be written at the end."""
+        if work.output is not None:
+            scans.check_output(work.output, work.path)
+        elif not work.dry_run:
+            scans.check_writable(work.path, safe_copy=self.safe_copy)
 
     def run(self, work: Work) -> SideOutputs:
         """Write in one transaction."""
@@ -33,10 +44,13 @@ class WriteTheta:
             versions={name: version or "" for name, version in versions().items()},
             started=work.started,
             message=refinement.reason,
+            shift_px=None if refinement.shift is None else shift_in_file(scan, refinement.shift),
         )
-        refined, sigma = refinement.refined, refinement.sigma
+        refined, sigma = of_all_frames(
+            scan, refinement.refined, refinement.sigma, refinement.stage_noise
+        )
         if work.output is None:
-            scans.write_theta(work.path, refined, sigma, record)
+            scans.write_theta(work.path, refined, sigma, record, safe_copy=self.safe_copy)
         else:
             scans.write_companion(work.output, work.path, refined, sigma, record)
         log.info("%s: refined angles written", (work.output or work.path).name)
