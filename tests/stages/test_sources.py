@@ -16,7 +16,7 @@ from tomoslam_stage.products import Features, Floats, Geometry, Quadratic, Track
 from tomoslam_stage.refinement import FactorGraph
 from tomoslam_stage.refinement.landmarks import Adjusted
 from tomoslam_stage.stages.choosing import FEATURES, MAP, RECORDED, USED, Choice
-from tomoslam_stage.stages.sources import Outcome, Sources
+from tomoslam_stage.stages.sources import Outcome, Sources, said_by
 from tomoslam_stage.stages.work import Clock
 
 N = 40
@@ -239,6 +239,21 @@ def test_rows_of_the_map_that_contradict_each_other_show_how_sure_the_angles_are
     prior = asked(mapping=Mapping(geometry(), bias_pulls=2 * pull[None])).fused
     assert np.median(rows.sigma) > 3 * np.median(sure.sigma)
     assert np.median(prior.sigma) > 3 * np.median(sure.sigma)
+
+
+def test_a_map_is_believed_less_where_some_projections_do_not_fit() -> None:
+    said = [
+        said_by(
+            Mapping(geometry(), excess).refine(
+                SCAN, np.flatnonzero(USABLE), START, lambda *_: np.zeros(N + 2)
+            ),
+            2.0,
+        )
+        for excess in (1.9, 2.5)
+    ]
+    np.testing.assert_allclose(said[0].quadratic.information, quadratic().information)
+    np.testing.assert_allclose(said[1].quadratic.information, quadratic().information / 2.5)
+    np.testing.assert_allclose(said[1].quadratic.pull, quadratic().pull / 2.5)
 
 
 def test_recorded_angles_are_judged_first_and_each_source_once() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from tomoslam_stage.angles import LoopClosure, Triplets
 from tomoslam_stage.heldout import Rows
+from tomoslam_stage.mapping import Mapped
 from tomoslam_stage.mapping import Mapping as MapFactor
 from tomoslam_stage.products import (
     AngleMeasurements,
@@ -201,12 +202,7 @@ class Sources:
             return
         heard.excess = mapped.excess
         heard.counts["map rows"] = len(mapped.rows)
-        heard.said[MAP] = Said(
-            geometry=mapped.geometry,
-            quadratic=mapped.quadratic,
-            halves=mapped.row_pulls[::2].sum(axis=0) - mapped.row_pulls[1::2].sum(axis=0),
-            biases=mapped.bias_pulls,
-        )
+        heard.said[MAP] = said_by(mapped, self.choice.suspect_excess)
 
     @staticmethod
     def _judge(name: str, heard: Heard, judge: Judge) -> None:
@@ -249,6 +245,21 @@ class Sources:
             return joint, noise
         # Far from where they looked the sources no longer say what they seem to.
         return first, None
+
+
+def said_by(mapped: Mapped, suspect: float) -> Said:
+    """Believe a map by as much less as its worst projection fits worse, from `suspect` on.
+
+    What the model cannot explain there pulls all angles, in every row alike.
+    """
+    doubt = mapped.excess if mapped.excess > suspect else 1.0
+    said = mapped.quadratic
+    return Said(
+        geometry=mapped.geometry,
+        quadratic=replace(said, information=said.information / doubt, pull=said.pull / doubt),
+        halves=(mapped.row_pulls[::2].sum(axis=0) - mapped.row_pulls[1::2].sum(axis=0)) / doubt,
+        biases=mapped.bias_pulls / doubt,
+    )
 
 
 def counted(tracks: Tracks) -> dict[str, int]:
