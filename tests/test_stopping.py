@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from subprocess import PIPE
 
@@ -12,6 +13,14 @@ import pytest
 from tomoslam_stage.stopping import SIGNALS, Stopped, held_back, stoppable
 
 MAKE = "--phantom grains --projections 60 --rows 64 --columns 96 --seed 5 --error walk:0.2"
+
+
+@pytest.fixture(autouse=True)
+def heard() -> Iterator[None]:
+    """Let SIGINT be heard, here and in programs started here, even in a shell's background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
