@@ -179,3 +179,12 @@ def test_solutions_agree_within_their_joint_sigma(apart: float, same: bool) -> N
     # Three times 0.1 degrees times the root of two is 0.42 degrees; a common turn is nothing.
     assert agree(one, moved, 3.0) is same
     assert agree(moved, one, 3.0) is same
+
+
+def test_a_source_that_looked_from_turned_angles_turns_no_angle_against_the_others() -> None:
+    root = np.random.default_rng(3).normal(size=(N + 2, N + 2))
+    said = Quadratic(1e4 * root @ root.T, np.zeros(N + 2))
+    turned = RECORDED.moved(np.append(np.full(N, np.deg2rad(2)), [0.0, 0.0]))
+    first, second = (replace(source(at, 0.1), quadratic=said) for at in (RECORDED, turned))
+    found = together(first, second)
+    np.testing.assert_allclose(FREE @ (found.geometry.theta - RECORDED.theta), 0, atol=1e-6)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tomoslam_stage.geometry import rms, rms_difference
 from tomoslam_stage.products import Floats, Geometry, Quadratic, Solve
-from tomoslam_stage.refinement.joint import change_of, covariance_of
+from tomoslam_stage.refinement.joint import change_of, covariance_of, without_common_angle
 
 if TYPE_CHECKING:
     from tomoslam_stage.products import AngleMeasurements, Layout
@@ -83,7 +83,9 @@ def fused(
         The sources; the first tells where the others are told from.
     """
     here = said[0].geometry
-    told = [each.quadratic.after(here.since(each.geometry)) for each in said]
+    # The graph does not hear of a common angle; told from elsewhere, a source must not speak of it.
+    heard = [without_common_angle(each.quadratic, here.layout) for each in said]
+    told = [q.after(here.since(each.geometry)) for q, each in zip(heard, said, strict=True)]
     for _ in range(ROUNDS):
         wanted = graph.joint(recorded, measurements, here, told)
         change = change_of(wanted)
