@@ -32,6 +32,7 @@ from tomoslam_stage.stages.work import Clock
 
 WALK = "--error walk:0.05"
 LARGE = "--set rows=512 --set columns=640"
+MOVING = "--set shift_px=0.5"
 HALF = "--projections 361 --span 180 --set endpoint=true"
 CASES: Mapping[str, str] = {
     "card": f"--phantom card {WALK}",
@@ -44,6 +45,9 @@ CASES: Mapping[str, str] = {
     "card-jitter": "--phantom card --error jitter:0.1",
     "card-lost": f"--phantom card {WALK} --error lost_step:1.5",
     "card-512": f"--phantom card {WALK} {LARGE}",
+    "card-moving": f"--phantom card {WALK} {MOVING}",
+    "grains-moving": f"--phantom grains {WALK} {MOVING}",
+    "foam-moving": f"--phantom foam {WALK} {MOVING}",
     "grains-512": f"--phantom grains {WALK} {LARGE}",
 }
 """Name -> how `simulate` makes it; 360 projections of 256 x 320 px over 360 degrees unless said."""
@@ -52,8 +56,11 @@ METHODS: Mapping[str, Mapping[str, Any]] = {
     "features": {"mapping": None},
     "map": {"landmarks": None},
     "default": {},
+    "shift": {"unknowns": ["theta", "axis", "roll", "shift"]},
+    "closures": {"closures": {}},
 }
 """Name -> parameters of refine_theta."""
+COMPARED = ("paper", "features", "map", "default")
 SEEDS = (2011, 2012, 2013, 2014, 2015)
 
 
@@ -138,7 +145,7 @@ def run() -> None:
     """Read the arguments, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", nargs="*", default=list(CASES), choices=CASES)
-    parser.add_argument("--methods", nargs="*", default=list(METHODS), choices=METHODS)
+    parser.add_argument("--methods", nargs="*", default=COMPARED, choices=METHODS)
     parser.add_argument("--seeds", nargs="*", type=int, default=SEEDS)
     parser.add_argument("--scans", type=Path)
     parser.add_argument("--keep", type=Path)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field
-from threadpoolctl import threadpool_limits
 
 from tomoslam_stage.geometry import rms_difference, spread
 from tomoslam_stage.mapping.curvature import Place, looks_needed, probed
@@ -16,6 +15,7 @@ from tomoslam_stage.mapping.looking import Observed, Reading, likeliest, observe
 from tomoslam_stage.mapping.stepping import Stepping, weighed
 from tomoslam_stage.mapping.weighing import misfits
 from tomoslam_stage.methods import method
+from tomoslam_stage.parallel import on_one_thread
 from tomoslam_stage.products import Floats, Geometry, Integers, Quadratic
 from tomoslam_stage.progress import progress
 
@@ -127,8 +127,7 @@ class Mapping:
         numbers = np.isfinite([*start.theta, *start.shift, start.axis, start.roll]).all()
         if not (numbers and usable(few.sinograms) and usable(many.sinograms)):
             return None
-        # Linear algebra on several threads rounds as their number goes.
-        with threadpool_limits(1):
+        with on_one_thread():
             try:
                 return self._refined(few, many, start, solve)
             except np.linalg.LinAlgError:  # what so few projections say cannot be solved for

@@ -95,15 +95,12 @@ def fused(
     wanted = graph.joint(recorded, measurements, here, told)
     covariance = covariance_of(wanted)
     blocks = {name: f.block(recorded.theta, measurements) for name, f in graph.factors.items()}
-    pulls = [pull for each in said for pull in each.biases]
-    moved = np.stack(
-        [moved_by(covariance, pull, here.layout) for pull in pulls] or [0 * here.theta]
-    )
+    assumed = (moved_by(covariance, pull, here.layout) for each in said for pull in each.biases)
     return Fused(
         geometry=here,
         covariance=centred(covariance[here.layout.angles, here.layout.angles]),
         halves=np.stack([moved_by(covariance, each.halves, here.layout) for each in said]),
-        bias=np.sqrt(np.square(moved).sum(axis=0)),
+        bias=np.sqrt(sum((moved**2 for moved in assumed), np.zeros_like(here.theta))),
         residuals={name: block.residuals(here.theta) for name, block in blocks.items()},
     )
 

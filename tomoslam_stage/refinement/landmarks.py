@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field
-from threadpoolctl import threadpool_limits
 
 from tomoslam_stage.images import robust_scale
 from tomoslam_stage.methods import method
+from tomoslam_stage.parallel import on_one_thread
 from tomoslam_stage.products import Features, Floats, Geometry, Quadratic
 from tomoslam_stage.refinement.elimination import eliminated
 from tomoslam_stage.refinement.leaning import with_rows
@@ -76,8 +76,8 @@ class Landmarks:
         """
         if tracks.n_sightings == 0:
             return nothing_seen(start)
-        # Sums depend on the number of threads in their last digit, and grown tracks might on that.
-        with threadpool_limits(1):
+        # Grown tracks might depend on the last digit of sums.
+        with on_one_thread():
             return self._settled(tracks, start, solve)
 
     def _settled(self, tracks: Tracks, start: Geometry, solve: Solve) -> Adjusted:

@@ -146,7 +146,7 @@ class RefineTheta:
     mapping: Mapping | None = field(default_factory=Mapping)
     """How the reconstruction itself tells the angles; null: not at all."""
     closer: Mapping | None = field(default_factory=Mapping.closer)
-    """How it looks again where some projections do not fit (`choice.most_excess`); null: not."""
+    """How it looks again where projections do not fit (`choice.suspect_excess`); null: not."""
     choice: Choice = field(default_factory=Choice)
     """Which of these is believed."""
     refinement: FactorGraph = field(default_factory=FactorGraph)
