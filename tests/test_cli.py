@@ -172,7 +172,7 @@ def test_the_module_ends_with_the_exit_code() -> None:
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == (
-        "error: --pipeline: no pipeline 'defualt'; a name or a YAML file is needed. "
+        "error: defualt: no such pipeline; a name or a YAML file is needed. "
         "Did you mean 'default'?\n"
     )
 
@@ -327,7 +327,7 @@ def test_a_simulated_scan_can_be_inspected(
     lines = {line[:14].strip(): line[14:] for line in said}
     assert lines["file"] == "made.h5 (DXchange)"
     assert lines["projections"] == "12 of 4 rows x 32 columns, uint16"
-    assert lines["angles"] == "0 to 165 degrees; steps mostly 15, 15 to 15"
+    assert lines["angles"] == "0 to 165 degrees; steps of 15"
     assert lines["problems"] == "none"
     assert lines["simulated"] == "yes, with the true angles"
     assert cli.main(["inspect", out, "--json"]) == 0

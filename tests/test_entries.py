@@ -42,8 +42,7 @@ def test_the_pipelines_of_the_package_load_by_name_in_the_order_that_writes_last
 
 def test_an_unknown_pipeline_is_answered_with_the_nearest_name() -> None:
     assert refused(load_pipeline, "defualt") == (
-        "--pipeline: no pipeline 'defualt'; a name or a YAML file is needed. "
-        "Did you mean 'default'?"
+        "defualt: no such pipeline; a name or a YAML file is needed. Did you mean 'default'?"
     )
 
 

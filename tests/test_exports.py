@@ -85,6 +85,16 @@ def test_a_pipeline_for_httomo_is_one_of_ours_that_fits_the_scan(scan: Path, ent
         assert check_on_scan(ours, MODULES, path).n_projections == 240
 
 
+def test_flats_and_darks_for_httomo_are_of_one_file_under_two_names(scan: Path) -> None:
+    (written,) = export(scan, "httomo")
+    assert written.read_text().startswith("# For one scan")
+    loader = yaml.safe_load(written.read_text())[0]["parameters"]
+    files = [Path(loader[name]["file"]) for name in ("darks", "flats")]
+    # HTTomo 3.0 compares the paths themselves, and would take flats for darks in one dataset.
+    assert files[0] != files[1]
+    assert all(file.is_absolute() and file.samefile(scan) for file in files)
+
+
 def test_a_companion_is_exported_like_a_scan(scan: Path, tmp_path: Path) -> None:
     companion = tmp_path / "companion.h5"
     write_companion(companion, scan, np.radians(REFINED + 1), np.full(240, 1e-4), ProcessRecord())

@@ -17,6 +17,7 @@ from tomoslam_stage.geometry import (
     spread,
     triangle_angles,
     triangle_jacobian,
+    unseen_shifts,
     wrapped,
 )
 
@@ -53,7 +54,15 @@ def test_wrapped_angles_lie_from_minus_pi_to_pi_and_differ_by_whole_turns() -> N
 
 def test_around_goes_by_the_angle_within_the_turn_and_keeps_the_order_of_equals() -> None:
     theta = np.deg2rad([200.0, 10.0, 370.5, -90.0, 200.0])
-    assert around(theta).tolist() == [1, 2, 0, 4, 3]
+    assert around(theta).tolist() == [3, 1, 2, 0, 4]
+
+
+def test_rounding_moves_no_angle_to_the_other_end_of_the_turn() -> None:
+    theta = np.linspace(0, 2 * np.pi, 9)  # the last is where the first is
+    for off in (-1e-12, 0.0, 1e-12):
+        moved = theta + np.array([off, *np.zeros(7), -off])
+        assert sorted(around(moved)[:2].tolist()) == [0, 8]
+        assert around(moved)[2:].tolist() == list(range(1, 8))
     alternating = np.tile([1.0, 0.5], 200)
     assert around(alternating).tolist() == [*range(1, 400, 2), *range(0, 400, 2)]
 
@@ -207,3 +216,11 @@ def test_rows_are_spread_from_the_first_to_the_last(available: int, count: int) 
     some = spread(available, count)
     assert len(some) == min(available, count)
     assert (some[0], some[-1]) == (0, available - 1)
+
+
+def test_what_no_scan_tells_of_shifts_is_the_axis_and_a_place_of_the_sample() -> None:
+    theta = np.deg2rad(np.arange(0, 200, 1.5))
+    unseen = unseen_shifts(theta)
+    np.testing.assert_allclose(unseen.T @ unseen, np.eye(3), atol=1e-12)
+    nobody_sees = 3 + 2 * np.cos(theta) - np.sin(theta)
+    np.testing.assert_allclose(unseen @ (unseen.T @ nobody_sees), nobody_sees, atol=1e-12)

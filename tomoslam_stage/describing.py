@@ -250,7 +250,7 @@ def _lines(said: Schema, margin: str) -> Iterator[str]:
         yield f"{margin}{name}: {'; '.join(facts)}"
         room = WIDTH - len(margin) - 4
         yield from textwrap.wrap(
-            _text(option.get("description", "")),
+            " ".join(_text(option.get("description", "")).split()),
             room,
             initial_indent=f"{margin}    ",
             subsequent_indent=f"{margin}    ",

@@ -97,7 +97,7 @@ def _text_of(name_or_path: str | Path) -> tuple[str, str]:
     if not path.is_file():
         wanted = "a name or a YAML file is needed."
         remedy = nearest(str(name_or_path), known)
-        raise PipelineError("--pipeline", f"no pipeline {str(name_or_path)!r}; {wanted}", remedy)
+        raise PipelineError(str(name_or_path), f"no such pipeline; {wanted}", remedy)
     size = path.stat().st_size
     if size > strict_yaml.MAX_CHARACTERS:  # the scan in the pipeline's place, for instance
         limit = f"a pipeline has at most {strict_yaml.MAX_CHARACTERS}."

@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 Files: TypeAlias = Mapping[str, bytes]
 """End of the name -> what is in the file."""
 
+TWO_NAMES = """\
+# For one scan: flats and darks are read from the file named here, whatever HTTomo is run on.
+# It has two names, as HTTomo 3.0 looks for both in one dataset where they come from one file.
+"""
+
 
 @dataclass(frozen=True)
 class Format:
@@ -30,7 +35,7 @@ class Format:
 
     make: Callable[[StoredAngles], Files]
     use: str
-    """What to do with the file, in a line; ``{file}`` is its name."""
+    """What to do with the file, in a line; ``{file}`` is its name, ``{scan}`` that of the scan."""
 
 
 def text(angles: StoredAngles) -> Files:
@@ -45,13 +50,14 @@ def imod(angles: StoredAngles) -> Files:
 
 def tilts(degrees: Floats) -> bytes:
     """Write one angle a line as IMOD does, but with as many digits as refining is worth."""
-    return "".join(f"{angle:11.5f}\n" for angle in degrees).encode()
+    return "".join(f"{angle:z11.5f}\n" for angle in degrees).encode()
 
 
 def httomo(angles: StoredAngles) -> Files:
     """Write a pipeline for the processor alone; its loader knows where this scan has everything."""
+    loader = _loader(angles)
     entries: list[dict[str, Any]] = [
-        _entry("standard_tomo", "httomo.data.hdf.loaders", **_loader(angles)),
+        _entry("standard_tomo", "httomo.data.hdf.loaders", **loader),
         _entry("normalize", "tomopy.prep.normalize", cutoff=None, averaging="mean"),
         _entry("minus_log", "tomopy.prep.normalize"),
         {
@@ -68,8 +74,8 @@ def httomo(angles: StoredAngles) -> Files:
             init_recon=None,
         ),
     ]
-    said = yaml.safe_dump(entries, sort_keys=False, width=100)
-    return {".yaml": said.encode()}
+    said = yaml.safe_dump(entries, sort_keys=False, width=1000)
+    return {".yaml": ((TWO_NAMES if "flats" in loader else "") + said).encode()}
 
 
 def _entry(method: str, module_path: str, **parameters: Any) -> dict[str, Any]:
@@ -78,14 +84,16 @@ def _entry(method: str, module_path: str, **parameters: Any) -> dict[str, Any]:
 
 def _loader(angles: StoredAngles) -> dict[str, Any]:
     contents, places = angles.contents, angles.contents.places
-    loader = {
+    loader: dict[str, Any] = {
         "data_path": places.data,
         "image_key_path": contents.labels.kinds_from or None if contents.layout.mixed else None,
         "rotation_angles": {"data_path": places.theta},
     }
-    for name, place in (("darks", places.darks), ("flats", places.flats)):
+    scan = contents.path.resolve()
+    detour = scan.parent / ".." / scan.parent.name / scan.name
+    for name, file, place in (("darks", scan, places.darks), ("flats", detour, places.flats)):
         if place in contents.datasets:
-            loader[name] = {"file": "input_data", "data_path": place}
+            loader[name] = {"file": str(file), "data_path": place}
     return loader
 
 
@@ -93,7 +101,7 @@ FORMATS: Mapping[str, Format] = {
     "text": Format(text, "one angle a line, degrees"),
     "nabu": Format(text, "nabu: set angles_file = {file} in the section [reconstruction]"),
     "imod": Format(imod, "IMOD: {file} takes the place of the scan's .tlt"),
-    "httomo": Format(httomo, "HTTomo: httomo run SCAN {file} OUT"),
+    "httomo": Format(httomo, "HTTomo: httomo run {scan} {file} OUT"),
 }
 """What ``export --format`` may name."""
 
@@ -131,5 +139,7 @@ def export(scan: Path, name: str, output: Path | None = None) -> dict[Path, str]
         if path.exists() and path.samefile(scan):
             raise PipelineError("--output", f"{path} is the scan itself.", "Choose another file.")
         write_atomically(path, content)
-        written[path] = FORMATS[name].use.format(file=path) if i == 0 else "the recorded angles"
+        written[path] = (
+            FORMATS[name].use.format(file=path, scan=scan) if i == 0 else "the recorded angles"
+        )
     return written

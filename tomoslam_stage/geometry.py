@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from tomoslam_stage.products import Floats, Integers
 
 TURN = 2 * np.pi
+HAIR = 1e-6
+"""Radians: angles that differ by rounding stay on one side of where the turn begins."""
 WIDEST_GAP = 8.0
 """Usual gaps between projections that a gap may count as, where angles are weighed."""
 
@@ -19,9 +21,14 @@ def wrapped(angle: Floats) -> Floats:
     return np.mod(angle + np.pi, TURN) - np.pi
 
 
+def within_turn(theta: Floats) -> Floats:
+    """(n,) radians: how far into the turn each of `theta` lies, which begins at the least."""
+    return np.asarray(np.mod(theta - theta.min(initial=np.inf) + HAIR, TURN))
+
+
 def around(theta: Floats) -> Integers:
     """(n,) the projections in the order of their angles within the turn."""
-    return np.argsort(np.mod(theta, TURN), kind="stable")
+    return np.argsort(within_turn(theta), kind="stable")
 
 
 def partners(theta: Floats, step: float) -> Integers:
@@ -32,11 +39,10 @@ def partners(theta: Floats, step: float) -> Integers:
     is none.
     """
     order = around(theta)
-    sorted_theta = np.mod(theta, TURN)[order]
-    wanted = np.mod(theta + step, TURN)
-    after = np.searchsorted(sorted_theta, wanted) % len(theta)
+    place = within_turn(theta)
+    after = np.searchsorted(place[order], np.mod(place + step, TURN)) % len(theta)
     candidates = np.stack([order[after], order[after - 1]])
-    miss = np.abs(wrapped(theta[candidates] - wanted))
+    miss = np.abs(wrapped(theta[candidates] - theta - step))
     best = np.argmin(miss, axis=0)
     everyone = np.arange(len(theta))
     found = candidates[best, everyone]
@@ -118,3 +124,12 @@ def rms_difference(first: Floats, second: Floats) -> float:
 def spread(available: int, count: int) -> Integers:
     """Up to `count` indices of `available` things, evenly spread."""
     return np.unique(np.linspace(0, available - 1, min(count, available)).round().astype(np.intp))
+
+
+def unseen_shifts(theta: Floats) -> Floats:
+    """(n, 3) orthonormal shifts of projections at `theta` (n,) radians that no scan tells.
+
+    A common shift is the axis, and one that goes round with the turn a place of the whole sample.
+    """
+    modes = np.stack([np.ones_like(theta), np.cos(theta), np.sin(theta)], axis=1)
+    return np.asarray(np.linalg.qr(modes)[0])

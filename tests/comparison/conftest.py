@@ -10,6 +10,7 @@ import pytest
 
 from tomoslam_stage.comparison import Findings, Run, compare
 from tomoslam_stage.products import (
+    UNKNOWNS,
     Evidence,
     Floats,
     Integers,
@@ -132,6 +133,20 @@ def complete(findings: Findings, truth: Truth) -> Findings:
             )
     comparison = compare(findings.refinement, made, truth)
     return replace(findings, reconstructions=made, comparison=comparison, truth=truth)
+
+
+@pytest.fixture
+def moved(complete: Findings) -> Findings:
+    """A sample that moved on its stage; all of the true shifts lie 2 px farther to the right."""
+    shift = np.random.default_rng(7).normal(0, 0.5, PROJECTIONS)
+    refinement = replace(
+        complete.refinement,
+        shift=shift,
+        shift_sigma=np.full(PROJECTIONS, 0.03),
+        unknowns=UNKNOWNS,
+    )
+    truth = Truth(refinement.refined, shift=shift + 2)
+    return replace(complete, refinement=refinement, truth=truth)
 
 
 @pytest.fixture

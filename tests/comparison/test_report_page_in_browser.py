@@ -190,6 +190,46 @@ def test_dragging_wipes_when_the_picture_fits_and_pans_when_it_is_larger(page: P
     assert page.picture(SLICES) != before
 
 
+def test_two_fingers_zoom_about_the_place_between_them(page: Page) -> None:
+    canvas = page.one(f"{SLICES} canvas")
+    said = page.one(f"{SLICES} output")
+    slider = page.one(f"{SLICES} input[aria-label=divider]")
+    page.run("arguments[0].scrollIntoView()", canvas)
+    box = page.run("return arguments[0].getBoundingClientRect().toJSON()", canvas)
+    x, y = box["x"] + 0.35 * box["width"], box["y"] + 0.4 * box["height"]
+
+    def touch(kind: str, *apart: int) -> None:
+        points = [{"x": x + away, "y": y, "id": k} for k, away in enumerate(apart)]
+        page.browser.execute_cdp_cmd(
+            "Input.dispatchTouchEvent", {"type": kind, "touchPoints": points}
+        )
+
+    def pinch(start: int, end: int) -> None:
+        touch("touchStart", -start)
+        touch("touchStart", -start, start)
+        for step in (1, 2, 3, 4):
+            half = start + (end - start) * step // 4
+            touch("touchMove", -half, half)
+        touch("touchEnd")
+
+    def under() -> str:
+        for where in ({"x": x, "y": y + 1}, {"x": x, "y": y}):
+            page.browser.execute_cdp_cmd(
+                "Input.dispatchMouseEvent", {"type": "mouseMoved", **where}
+            )
+        return said.text.partition(":")[0]
+
+    fitted, before = page.picture(SLICES), under()
+    assert before.startswith("x ")
+    pinch(20, 100)
+    assert page.picture(SLICES) != fitted
+    assert under() == before
+    assert slider.get_attribute("aria-valuetext") == "50 %"
+    pinch(100, 10)
+    assert page.picture(SLICES) == fitted
+    assert page.troubles == []
+
+
 def test_keys_blink_choose_the_view_and_go_to_the_next_slice(page: Page) -> None:
     left = page.one(f"{SLICES} .name.left")
     canvas = f"{SLICES} canvas"
@@ -249,6 +289,25 @@ def test_the_correction_is_told_with_its_sigma_by_arrow_keys_and_pointer(page: P
     assert "true correction" in tip
     ActionChains(page.browser).move_to_element(page.one(drawing)).perform()
     assert page.one(f"{ANGLES} .tip").text.startswith("projection 4")
+
+
+def test_shifts_of_the_sample_are_told_with_their_sigma(
+    opened: Callable[..., Page], moved: Findings
+) -> None:
+    shown = opened(moved)
+    assert [each.text for each in shown.all(f"{ANGLES} figcaption")] == [
+        "refined − recorded",
+        "shift of the sample on its stage",
+        "reprojection residual on unused rows",
+    ]
+    drawing = f"{ANGLES} .chart-slot:nth-of-type(2) svg"
+    shown.press(drawing, Keys.ARROW_RIGHT)
+    tip = next(each.text for each in shown.all(f"{ANGLES} .tip"))
+    found, true = moved.refinement.shift[0], tip.rpartition(" ")[2]  # type: ignore[index]
+    assert f"shift: {found:.4g} ± 0.03".replace("-", "−") in tip
+    # Two px to the right of all projections are the axis: they are nothing to compare.
+    assert float(true.replace("−", "-")) == pytest.approx(found, abs=1e-3)
+    assert shown.troubles == []
 
 
 def test_events_are_marked_and_named(page: Page) -> None:

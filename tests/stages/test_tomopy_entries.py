@@ -222,7 +222,7 @@ def test_a_pipeline_that_does_not_fit_a_scan_is_told_where(
     ("parameters", "message"),
     [
         ("{rotation_angles: {user_defined: {}}}", "rotation_angles: {'user_defined': {}}; auto"),
-        ("{flats: {file: other.h5, data_path: /a}}", "flats: {'file': 'other.h5'"),
+        ("{flats: {file: 3, data_path: /a}}", "flats: {'file': 3, 'data_path': '/a'}; null, or"),
         ("{darks: ignore}", "darks: 'ignore'; null, or `file: input_data`"),
         ("{preview: {detector_y: {start: 3}}}", "preview: {'detector_y': {'start': 3}}; null"),
     ],
@@ -242,6 +242,10 @@ def test_what_httomo_loads_and_we_do_not_is_refused(parameters: str, message: st
         (
             "{darks: {file: input_data, data_path: /a}}",
             "darks.data_path: '/a'; auto or /exchange/data_dark is needed",
+        ),
+        (
+            "{flats: {file: other.h5, data_path: /exchange/data_white}}",
+            "flats.file: 'other.h5'; input_data is needed, or the path of",
         ),
     ],
 )

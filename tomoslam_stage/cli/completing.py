@@ -14,6 +14,7 @@ SCRIPT = "tomoslam-stage"
 VALUES: Mapping[str, tuple[str, ...]] = {
     "--pipeline": ("default", "fast", "paper", "sirt", "stripes"),
     "--format": ("httomo", "imod", "nabu", "text"),
+    "--phantom": ("card", "foam", "grains", "smooth"),
 }
 """Option -> words it takes; others take file names."""
 WORDS: Mapping[str, tuple[str, ...]] = {
@@ -56,15 +57,14 @@ def options(parser: ArgumentParser) -> Iterator[Option]:
 
 
 def bash(parsers: Parsers) -> str:
-    """Write a completion for bash."""
+    """Write a completion for bash; what it knows nothing of, readline completes as ever."""
     cases = "\n".join(
         f'    {command or "*"}) options="{" ".join(o.name for o in options(parser))}"'
         f' words="{" ".join(WORDS.get(command, ()))}" ;;'
         for command, parser in _last_without_name(parsers)
     )
     values = "\n".join(
-        f'    {option}) COMPREPLY=($(compgen -W "{" ".join(words)}" -f -- "$current")); return ;;'
-        for option, words in VALUES.items()
+        f'    {option}) words="{" ".join(words)}" ;;' for option, words in VALUES.items()
     )
     return f"""\
 _tomoslam_stage() {{
@@ -72,45 +72,50 @@ _tomoslam_stage() {{
   case "${{COMP_WORDS[1]}}" in
 {cases}
   esac
+  if ((COMP_CWORD == 1)); then words="{" ".join(filter(None, parsers))}"; fi
   case "${{COMP_WORDS[COMP_CWORD-1]}}" in
 {values}
   esac
-  if ((COMP_CWORD == 1)); then words="{" ".join(filter(None, parsers))}"; fi
-  if [[ $current == -* ]]; then COMPREPLY=($(compgen -W "$options" -- "$current"))
-  else COMPREPLY=($(compgen -W "$words" -f -- "$current")); fi
+  if [[ $current == -* ]]; then COMPREPLY=($(compgen -W "$options" -- "$current")); return; fi
+  COMPREPLY=($(compgen -W "$words" -- "$current"))
+  local IFS=$'\\n'
+  COMPREPLY+=($(compgen -f -- "$current"))
 }}
-complete -o filenames -F _tomoslam_stage {SCRIPT}
+complete -o filenames -o default -F _tomoslam_stage {SCRIPT}
 """
 
 
 def zsh(parsers: Parsers) -> str:
     """Write a completion for zsh."""
 
+    def offer(words: Sequence[str]) -> str:
+        # Behind a space the words of an action stay as they are; else zsh puts options among them.
+        return f" _tomoslam_stage_offer {' '.join(words)}" if words else "_files"
+
     def spec(option: Option) -> str:
-        text = option.text.replace("[", "(").replace("]", ")").replace("'", "").replace(":", ",")
-        words = (
-            f":value:_alternative 'w:word:({' '.join(VALUES.get(option.name, ()))})' 'f:f:_files'"
-        )
-        value = words if option.name in VALUES else ":value:_files"
-        return f'"*{option.name}[{text}]{value if option.takes else ""}"'
+        text = option.text.replace("[", "(").replace("]", ")").replace("'", "").replace(":", "\\:")
+        value = f":value:{offer(VALUES.get(option.name, ()))}" if option.takes else ""
+        return f"'*{option.name}[{text}]{value}'"
 
     cases = "\n".join(
-        f"    {command or '*'}) _arguments {' '.join(map(spec, options(parser)))} "
-        f'\'*:word:_alternative "w:word:({" ".join(WORDS.get(command, ()))})" "f:file:_files"\' ;;'
+        f"    {command or '*'}) _arguments {' '.join(map(spec, options(parser)))}"
+        f" '*:word:{offer(WORDS.get(command, ()))}' ;;"
         for command, parser in _last_without_name(parsers)
     )
     return f"""\
 #compdef {SCRIPT}
+_tomoslam_stage_offer() {{ _alternative "word:word:($*)" "file:file:_files" }}
 _tomoslam_stage() {{
   if ((CURRENT == 2)) && [[ $PREFIX != -* ]]; then
-    _alternative "command:command:({" ".join(filter(None, parsers))})" "file:file:_files"
+    _tomoslam_stage_offer {" ".join(filter(None, parsers))}
     return
   fi
   case "${{words[2]}}" in
 {cases}
   esac
 }}
-_tomoslam_stage "$@"
+if [[ $funcstack[1] == _{SCRIPT} ]]; then _tomoslam_stage "$@"
+else compdef _tomoslam_stage {SCRIPT}; fi
 """
 
 

@@ -63,7 +63,9 @@ def _angles(facts: Facts) -> str:
         return "unknown: see the problems"
     first, last, step = (facts[key] for key in ("first_deg", "last_deg", "median_step_deg"))
     least, most = facts["step_range_deg"]
-    usual = f"mostly {step:.6g}, {least:.6g} to {most:.6g}"
+    usual = f"mostly {step:.6g}, from {least:.6g} to {most:.6g}"
+    if f"{least:.6g}" == f"{most:.6g}":
+        usual = f"of {step:.6g}"
     return f"{first:.6g} to {last:.6g} degrees; steps {usual}"
 
 

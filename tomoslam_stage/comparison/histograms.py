@@ -115,7 +115,8 @@ def draw_histogram(figure: Figure, box: Box, histogram: Histogram) -> None:
             middles, histogram.normal, color=canvas.INK, linewidth=0.9, label="normal, this scale"
         )
     axes.set_xlabel(histogram.labels[0], **canvas.AXIS_LABEL)
-    axes.set_ylabel(histogram.labels[1], **canvas.AXIS_LABEL)
-    axes.yaxis.set_major_formatter(canvas.short_numbers())
-    axes.yaxis.get_offset_text().set(fontsize=canvas.SMALL_SIZE, color=canvas.INK)
+    axes.set_ylabel(histogram.labels[1], **{**canvas.AXIS_LABEL, "labelpad": 3})
+    axes.set_ylim(0, max(axes.get_ylim()[1], 1.0))
+    # Counts are read as they are: no power of ten above the axis.
+    axes.yaxis.set_major_formatter("{x:g}")
     canvas.finish(axes, loc="lower right", bbox_to_anchor=(1, 1), ncols=2)

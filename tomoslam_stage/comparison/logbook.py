@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tomoslam_stage.comparison import canvas
-from tomoslam_stage.comparison.canvas import Box
 from tomoslam_stage.comparison.findings import Findings, Run, median_sigma_deg, verdict
 from tomoslam_stage.comparison.measures import Measure, measures
 from tomoslam_stage.comparison.regions import rms
 from tomoslam_stage.comparison.slice_pairs import slice_pairs
 from tomoslam_stage.comparison.slices_picture import BLOCK, draw_slice, facts
-from tomoslam_stage.comparison.theta_picture import abscissa, draw_correction
+from tomoslam_stage.comparison.theta_picture import draw_panels, height_of, panels_of
 from tomoslam_stage.comparison.versions import version
 
 if TYPE_CHECKING:
@@ -27,7 +26,9 @@ HEIGHT = canvas.WIDTH * math.sqrt(2)
 """Inches: the shape of an A4 page."""
 A4_WIDTH = 210 / 25.4
 """Inches, as printed."""
-CURVE_HEIGHT, LINE_HEIGHT = 3.0, 0.2
+LINE_HEIGHT = 0.2
+CURVE_HEIGHTS = (1.9, 1.0)
+"""Inches: correction, shifts."""
 COLUMNS = (canvas.LEFT, 4.1, 5.3, 6.5, 7.7)
 """Inches: name, recorded, refined, true, what is better."""
 
@@ -73,25 +74,14 @@ def draw_logbook(path: Path, findings: Findings, run: Run) -> None:
         (pair,) = slice_pairs(findings, None)
         draw_slice(figure, top, pair, findings.refinement.status)
         top += BLOCK
-    draw_curve(figure, top, findings)
-    draw_table(figure, top + CURVE_HEIGHT, measures(findings))
+    panels = panels_of(findings, CURVE_HEIGHTS)
+    draw_panels(figure, top, findings, panels)
+    draw_table(figure, top + height_of(panels), measures(findings))
     # The path of the scan stays with the text: on a page it would only be cut off.
     line = " · ".join(logbook_line(findings, run).split(" · ")[:1])
     style = {"fontsize": canvas.SMALL_SIZE, "color": canvas.FAINT}
     canvas.write(figure, (canvas.LEFT, HEIGHT - 0.3), line, style)
     canvas.save(figure, path, canvas.WIDTH / A4_WIDTH * canvas.DPI)
-
-
-def draw_curve(figure: Figure, top: float, findings: Findings) -> None:
-    """Draw the correction, `top` inches down the page."""
-    left = canvas.LEFT + 0.3
-    axes = canvas.panel(figure, Box(left, top + 0.3, canvas.WIDTH - left - 0.3, 2.1))
-    along, label = abscissa(findings.refinement.recorded)
-    draw_correction(axes, along, findings)
-    axes.yaxis.set_major_formatter(canvas.short_numbers())
-    axes.yaxis.get_offset_text().set(fontsize=canvas.SMALL_SIZE, color=canvas.INK)
-    axes.set_xlabel(label, **canvas.AXIS_LABEL)
-    canvas.finish(axes, loc="lower right", bbox_to_anchor=(1, 1), ncols=5)
 
 
 def draw_table(figure: Figure, top: float, lines: Sequence[Measure]) -> None:

@@ -168,7 +168,7 @@ def rows(rigidity: Mapping[str, Any] | None) -> str:
     moved, cone = number(rigidity["moved_px"], 2), number(abs(rigidity["cone_px"]), 2)
     return (
         f"those of {rigidity['features']} features move by {moved} px as the scan goes on "
-        f"({rigidity['moved_significance']:.1f} standard errors), by {cone} px with depth "
+        f"({rigidity['moved_significance']:z.1f} standard errors), by {cone} px with depth "
         f"({abs(rigidity['cone_significance']):.1f})"
     )
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from tomoslam_stage.comparison.histograms import (
 )
 from tomoslam_stage.comparison.metrics import difference_of_angles
 from tomoslam_stage.comparison.regions import rms
+from tomoslam_stage.comparison.shifts import shifts_of
 from tomoslam_stage.products import Floats, Refinement
 
 if TYPE_CHECKING:
@@ -36,14 +38,21 @@ LEAST_SPAN_DEG = 0.01
 """Of the correction's panel, small against the errors of a stage."""
 FEW_POINTS = 60
 """Below that each projection gets a dot."""
-PANELS_HEIGHT = 5.9
-"""Inches of the two panels over all projections, with what stands beside them."""
+TRUE_LINE: dict[str, Any] = {"color": canvas.TRUE, "linestyle": (0, (4, 2)), "linewidth": 1.2}
+ABOVE, BELOW = 0.3, 0.6
+"""Inches above the first and below the last panel over all projections."""
+PANEL_GAP = 0.4
+"""Inches between two of them."""
+
+Drawing: TypeAlias = Callable[["Axes", Floats, Findings], None]
+"""Draws one panel along an abscissa (n,)."""
 
 
 def draw_theta(path: Path, findings: Findings) -> None:
     """Draw the correction with its sigma, and below it the residuals of the projections.
 
-    Lapses of the stage are marked. Where no residuals are known the steps between neighbours stand
+    Shifts of the projections stand between the two, where they were looked for. Lapses of the
+    stage are marked. Where no residuals are known the steps between neighbours stand
     in their place. A correction that was not accepted is drawn too, and marked. Histograms of the
     tracks follow where features were placed, and in the foot what no scan tells about its angles.
     """
@@ -54,11 +63,13 @@ def draw_theta(path: Path, findings: Findings) -> None:
     said = canvas.header(verdict(findings), [refinement.reason, text])
     histograms = histograms_of(refinement)
     foot = textwrap.wrap(gauge(refinement), canvas.TEXT_CHARACTERS)
-    below = said.height + PANELS_HEIGHT
+    panels = panels_of(findings, (2.6, 1.3))
+    panels.append((2.0, draw_residuals_or_steps))
+    below = said.height + height_of(panels)
     bottom = below + (HISTOGRAMS_HEIGHT if histograms else 0)
     figure = canvas.new_figure(bottom + 0.2 * len(foot) + (0.1 if foot else 0))
     canvas.write_header(figure, said)
-    draw_panels(figure, said.height, findings)
+    draw_panels(figure, said.height, findings, panels)
     draw_histograms(figure, below, histograms)
     for k, line in enumerate(foot):
         style = {"fontsize": canvas.SMALL_SIZE, "color": canvas.FAINT}
@@ -66,22 +77,39 @@ def draw_theta(path: Path, findings: Findings) -> None:
     canvas.save(figure, path)
 
 
-def draw_panels(figure: Figure, top: float, findings: Findings) -> None:
-    """Draw the two panels over all projections, `top` inches down the picture."""
+def panels_of(findings: Findings, heights: tuple[float, float]) -> list[tuple[float, Drawing]]:
+    """Choose the panels of what was found, correction and shifts, with their `heights`, inches."""
+    panels: list[tuple[float, Drawing]] = [(heights[0], draw_correction)]
+    if findings.refinement.shift is not None:
+        panels.append((heights[1], draw_shifts))
+    return panels
+
+
+def height_of(panels: Sequence[tuple[float, Drawing]]) -> float:
+    """Inches of panels below each other, with what stands around them."""
+    heights = [height for height, _ in panels]
+    return ABOVE + sum(heights) + PANEL_GAP * (len(heights) - 1) + BELOW
+
+
+def draw_panels(
+    figure: Figure, top: float, findings: Findings, panels: Sequence[tuple[float, Drawing]]
+) -> None:
+    """Draw panels over all projections below each other, `top` inches down the picture."""
     left = canvas.LEFT + 0.3
-    width = canvas.WIDTH - left - 0.3
-    upper = canvas.panel(figure, Box(left, top + 0.3, width, 2.6))
-    lower = canvas.panel(figure, Box(left, top + 3.3, width, 2.0))
     along, label = abscissa(findings.refinement.recorded)
-    draw_correction(upper, along, findings)
-    draw_residuals_or_steps(lower, along, findings)
-    for axes in (upper, lower):
+    top, drawn = top + ABOVE, []
+    for height, draw in panels:
+        axes = canvas.panel(figure, Box(left, top, canvas.WIDTH - left - 0.3, height))
+        draw(axes, along, findings)
         axes.yaxis.set_major_formatter(canvas.short_numbers())
         axes.yaxis.get_offset_text().set(fontsize=canvas.SMALL_SIZE, color=canvas.INK)
         canvas.finish(axes, loc="lower right", bbox_to_anchor=(1, 1), ncols=5)
-    upper.sharex(lower)
-    upper.tick_params(labelbottom=False)
-    lower.set_xlabel(label, fontsize=canvas.TEXT_SIZE, color=canvas.INK)
+        drawn.append(axes)
+        top += height + PANEL_GAP
+    for axes in drawn[:-1]:
+        axes.sharex(drawn[-1])
+        axes.tick_params(labelbottom=False)
+    drawn[-1].set_xlabel(label, fontsize=canvas.TEXT_SIZE, color=canvas.INK)
 
 
 def abscissa(recorded: Floats) -> tuple[Floats, str]:
@@ -96,22 +124,42 @@ def draw_correction(axes: Axes, along: Floats, findings: Findings) -> None:
     """Draw refined minus recorded, its band, and the true correction where it is known."""
     refinement = findings.refinement
     change, sigma = np.degrees(refinement.change), np.degrees(refinement.sigma)
-    for k, strength in ((2, 0.16), (1, 0.26)):
-        band: dict[str, Any] = {"color": canvas.REFINED, "alpha": strength, "linewidth": 0}
-        edges = change - k * sigma, change + k * sigma
-        axes.fill_between(along, *edges, **band, label=f"± {k} σ")
+    draw_band(axes, along, change, sigma)
     draw_verdict_lines(axes, along, refinement)
     if findings.truth is not None:
         wanted = np.degrees(difference_of_angles(findings.truth.theta, refinement.recorded))
         # A common offset of all angles cannot be seen in any scan.
         wanted += np.mean(change - wanted)
-        style: dict[str, Any] = {"color": canvas.TRUE, "linestyle": (0, (4, 2)), "linewidth": 1.2}
-        axes.plot(along, wanted, **style, label="true correction (same mean)")
+        axes.plot(along, wanted, **TRUE_LINE, label="true correction (same mean)")
     low, high = axes.get_ylim()
     # Nothing but rounding would fill the panel otherwise.
     axes.set_ylim(min(low, -LEAST_SPAN_DEG / 2), max(high, LEAST_SPAN_DEG / 2))
     draw_events(axes, along, change, refinement.events)
     axes.set_ylabel("refined − recorded / °", fontsize=canvas.TEXT_SIZE, color=canvas.INK)
+
+
+def draw_band(axes: Axes, along: Floats, middle: Floats, sigma: Floats) -> None:
+    """Draw one and two `sigma` (n,) about `middle` (n,)."""
+    for k, strength in ((2, 0.16), (1, 0.26)):
+        band: dict[str, Any] = {"color": canvas.REFINED, "alpha": strength, "linewidth": 0}
+        edges = middle - k * sigma, middle + k * sigma
+        axes.fill_between(along, *edges, **band, label=f"± {k} σ")
+
+
+def draw_shifts(axes: Axes, along: Floats, findings: Findings) -> None:
+    """Draw how far each projection lies to the right, and how far in truth where it is known."""
+    shifts = shifts_of(findings)
+    if shifts is None:
+        return
+    if np.isfinite(shifts.sigma).any():
+        draw_band(axes, along, shifts.found, shifts.sigma)
+    axes.axhline(0, color=canvas.INK, linewidth=0.8)
+    used = "" if findings.refinement.status == "accepted" else " found, not used"
+    line = {"color": canvas.REFINED, **stroke(along, 1.2)}
+    axes.plot(along, shifts.found, **line, label=f"shift{used}, rms {rms(shifts.found):.2g} px")
+    if shifts.true is not None:
+        axes.plot(along, shifts.true, **TRUE_LINE, label="true shift")
+    axes.set_ylabel("shift / px", fontsize=canvas.TEXT_SIZE, color=canvas.INK)
 
 
 def draw_verdict_lines(axes: Axes, along: Floats, refinement: Refinement) -> None:

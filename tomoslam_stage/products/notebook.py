@@ -8,36 +8,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from tomoslam_stage.products.arrays import Floats
-    from tomoslam_stage.products.refinement import Refinement
 
 WIDTH, HEIGHT = 480, 120
 POINTS = 400
 """More of them would not be seen."""
 
 
-def as_html(refinement: Refinement) -> str:
-    """Return a table and a curve; nothing is loaded from anywhere."""
-    change = np.degrees(refinement.change)
-    sigma = np.degrees(refinement.sigma)
-    known = np.isfinite(sigma)
-    told = f"{np.sqrt(np.mean(sigma[known] ** 2)):.3g} degrees" if known.any() else "unknown"
-    rows = {
-        "status": refinement.status,
-        "why": refinement.reason,
-        "projections": str(len(change)),
-        "correction": f"{np.std(change):.3g} degrees rms, {np.ptp(change):.3g} from end to end",
-        "sigma": told,
-        "axis": f"{refinement.axis:.2f} px",
-    }
-    rows |= {
-        f"{event.kind} at {event.projection}": f"{event.size_deg:.3g} degrees"
-        for event in refinement.events
-    }
+def as_html(told: Mapping[str, str], change: Floats, sigma: Floats) -> str:
+    """Return a table of what is `told` and a curve; nothing is loaded from anywhere.
+
+    Parameters
+    ----------
+    told
+        By name.
+    change
+        (n,) degrees: refined minus recorded.
+    sigma
+        (n,) degrees; NaN where it is not known.
+    """
     cells = "".join(
         f'<tr><th style="text-align:left">{escape(name)}</th>'
         f'<td style="text-align:left">{escape(value)}</td></tr>'
-        for name, value in rows.items()
+        for name, value in told.items()
     )
     return f"<div><table>{cells}</table>{curve(change, sigma)}</div>"
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from tomoslam_stage.products.arrays import Floats, Integers
 from tomoslam_stage.products.geometry import STILL, Unknown
+from tomoslam_stage.products.notebook import as_html
 
 Status: TypeAlias = Literal["accepted", "kept"]
 
@@ -128,6 +129,9 @@ class Refinement:
     shift: Floats | None = None
     """(n,) px that each projection lies to the right, where `refined` stands; None where the sample
     was taken to stand still."""
+    shift_sigma: Floats | None = None
+    """(n,) px, one standard deviation of `shift`, but for what nobody sees of it: the axis, and a
+    place of the whole sample; None where there is no `shift`."""
 
     def __post_init__(self) -> None:
         if not self.recorded.shape == self.refined.shape == self.sigma.shape:
@@ -148,8 +152,23 @@ class Refinement:
         """(n,) radians: refined minus recorded."""
         return self.refined - self.recorded
 
+    def _told(self) -> dict[str, str]:
+        """Say in words what a reader asks first."""
+        change, sigma = np.degrees(self.change), np.degrees(self.sigma[np.isfinite(self.sigma)])
+        told = {
+            "status": self.status,
+            "why": self.reason,
+            "projections": str(len(change)),
+            "correction": f"{np.std(change):.3g} degrees rms, {np.ptp(change):.3g} from end to end",
+            "sigma": f"{np.sqrt(np.mean(sigma**2)):.3g} degrees" if len(sigma) else "unknown",
+            "axis": f"{self.axis:.2f} px",
+        }
+        if self.shift is not None:
+            told["shifts"] = f"{np.std(self.shift):.3g} px rms"
+        for event in self.events:
+            told[f"{event.kind} at {event.projection}"] = f"{event.size_deg:.3g} degrees"
+        return told
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        from tomoslam_stage.products.notebook import as_html
-
-        return as_html(self)
+        return as_html(self._told(), np.degrees(self.change), np.degrees(self.sigma))

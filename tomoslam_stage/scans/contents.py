@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from tomoslam_stage.scans.beam import Beam
+from tomoslam_stage.scans.datasets import DatasetFacts, look
 from tomoslam_stage.scans.labels import Labels
+from tomoslam_stage.scans.strings import read_units
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tomoslam_stage.products import Floats, Integers
-    from tomoslam_stage.scans.datasets import DatasetFacts
 
 BESIDES = ("flat", "dark")
 """Kinds of frames that are no projections, and never were."""
@@ -117,6 +118,25 @@ class Contents:
     def frames(self) -> Integers:
         """(m,) frames of the data that are none of these."""
         return np.setdiff1d(np.arange(self.data.shape[0]), self.besides)
+
+
+def look_at(file: File, path: Path, layout: Layout, others: Sequence[str] = ()) -> Contents:
+    """Look at projections, recorded angles and `others` that a layout keeps; it adds the rest."""
+    places = layout.places
+    angles_from = places.recorded if places.is_ours(file) else places.theta
+    looked = {key: look(file, key) for key in (places.data, *others, places.theta, angles_from)}
+    datasets = {key: found for key, found in looked.items() if isinstance(found, DatasetFacts)}
+    facts = datasets.get(angles_from)
+    theta = None if facts is None or facts.unreadable else file[angles_from]
+    return Contents(
+        path=path,
+        layout=layout,
+        datasets=datasets,
+        absent={key: found for key, found in looked.items() if isinstance(found, str)},
+        angles=None if theta is None else np.asarray(theta[()]),
+        angles_from=angles_from,
+        units=None if theta is None else read_units(theta),
+    )
 
 
 class Layout(Protocol):

@@ -5,22 +5,23 @@ Nothing here reads a pixel. A file is open only while it is looked at.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from tomoslam_stage.scans.beam import read_beam
-from tomoslam_stage.scans.contents import Contents, Places, References
-from tomoslam_stage.scans.datasets import DatasetFacts, look
+from tomoslam_stage.scans.contents import Contents, Places, References, look_at
 from tomoslam_stage.scans.labels import LOCATION, Labels, read_labels
-from tomoslam_stage.scans.strings import read_text, read_units
+from tomoslam_stage.scans.strings import read_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
     from h5py import File
+
+    from tomoslam_stage.scans.datasets import DatasetFacts
 
 DATA = "/exchange/data"
 FLATS = "/exchange/data_white"
@@ -58,25 +59,14 @@ class DxChange:
 
     def read(self, file: File, path: Path) -> Contents:
         """Look at everything but the pixels."""
-        looked = {key: look(file, key) for key in (DATA, FLATS, DARKS, THETA)}
-        angles_from = RECORDED if PLACES.is_ours(file) else THETA
-        looked[angles_from] = look(file, angles_from)
-        datasets = {key: found for key, found in looked.items() if isinstance(found, DatasetFacts)}
-        facts = datasets.get(angles_from)
-        theta = None if facts is None or facts.unreadable else file[angles_from]
-        return Contents(
-            path=path,
-            layout=self,
-            datasets=datasets,
-            absent={key: found for key, found in looked.items() if isinstance(found, str)},
-            angles=None if theta is None else np.asarray(theta[()]),
-            angles_from=angles_from,
-            units=None if theta is None else read_units(theta),
-            flats=_references(FLATS, datasets),
-            darks=_references(DARKS, datasets),
-            flat_positions=_flat_positions(file, datasets),
+        found = look_at(file, path, self, (FLATS, DARKS))
+        return replace(
+            found,
+            flats=_references(FLATS, found.datasets),
+            darks=_references(DARKS, found.datasets),
+            flat_positions=_flat_positions(file, found.datasets),
             beam=read_beam(file, GEOMETRY),
-            labels=_labels(file, datasets),
+            labels=_labels(file, found.datasets),
         )
 
     def aliases(self, file: File, place: str) -> list[str]:  # noqa: ARG002

@@ -6,17 +6,23 @@ The entry, its detector and its sample are found by their NeXus classes and by t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from tomoslam_stage.errors import ScanError
 from tomoslam_stage.scans.beam import read_beam
-from tomoslam_stage.scans.contents import BESIDES, Contents, Places, References, way_to
-from tomoslam_stage.scans.datasets import DatasetFacts, look
+from tomoslam_stage.scans.contents import (
+    BESIDES,
+    Contents,
+    Places,
+    References,
+    look_at,
+    way_to,
+)
 from tomoslam_stage.scans.labels import NEXUS_KEY, Labels
-from tomoslam_stage.scans.strings import read_text, read_units
+from tomoslam_stage.scans.strings import read_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -25,6 +31,7 @@ if TYPE_CHECKING:
     from h5py import File
 
     from tomoslam_stage.products import Integers
+    from tomoslam_stage.scans.datasets import DatasetFacts
 
 DEFINITION = "NXtomo"
 KEYS = ("image_key_control", "image_key")
@@ -62,23 +69,12 @@ class NxTomo:
 
     def read(self, file: File, path: Path) -> Contents:
         """Look at everything but the pixels."""
-        places = self.places
-        angles_from = places.recorded if places.is_ours(file) else places.theta
-        looked = {key: look(file, key) for key in (places.data, angles_from)}
-        datasets = {key: found for key, found in looked.items() if isinstance(found, DatasetFacts)}
-        facts = datasets.get(angles_from)
-        theta = None if facts is None or facts.unreadable else file[angles_from]
-        labels, wrong = self._labels(file, datasets.get(places.data))
-        return Contents(
-            path=path,
-            layout=self,
-            datasets=datasets,
-            absent={key: found for key, found in looked.items() if isinstance(found, str)},
-            angles=None if theta is None else np.asarray(theta[()]),
-            angles_from=angles_from,
-            units=None if theta is None else read_units(theta),
-            flats=self._references("flat", labels, datasets),
-            darks=self._references("dark", labels, datasets),
+        found = look_at(file, path, self)
+        labels, wrong = self._labels(file, found.datasets.get(self.places.data))
+        return replace(
+            found,
+            flats=self._references("flat", labels, found.datasets),
+            darks=self._references("dark", labels, found.datasets),
             flat_positions=flat_positions(labels.kinds),
             beam=read_beam(file, (self.detector.rpartition("/")[0],)),
             labels=labels,

@@ -34,9 +34,9 @@ class StandardTomo:
     rotation_angles: Any = "auto"
     """``auto``, or ``data_path:`` where the scan has its angles."""
     darks: Any = None
-    """Null, or ``file: input_data`` and ``data_path: /exchange/data_dark``."""
+    """Null, or ``file: input_data``, or the scan's path, and ``data_path: /exchange/data_dark``."""
     flats: Any = None
-    """Null, or ``file: input_data`` and ``data_path: /exchange/data_white``."""
+    """Null, or the same with ``data_path: /exchange/data_white``."""
     preview: Any = None
     """Null. Cropping is not taken: the refinement reads what it needs."""
 
@@ -59,8 +59,10 @@ class StandardTomo:
         Raises
         ------
         PipelineError
-            For a path in the file that is not what its layout has there.
+            For a path in the file that is not what its layout has there, or another file.
         """
+        for key in ("darks", "flats"):
+            _check_file(key, getattr(self, key), path)
         found = scans.find_paths(path)
         given = {
             "data_path": self.data_path,
@@ -87,10 +89,19 @@ def _frames_path(given: Any) -> str | None:
 
 
 def _check_frames(key: str, given: Any) -> None:
-    told = isinstance(given, Mapping) and isinstance(given.get("data_path"), str)
-    if given is not None and not (told and given.get("file") == "input_data"):
+    told = isinstance(given, Mapping) and all(
+        isinstance(given.get(name), str) for name in ("file", "data_path")
+    )
+    if given is not None and not told:
         needed = "null, or `file: input_data` and `data_path: ` and a path are needed"
         _refuse(key, given, needed)
+
+
+def _check_file(key: str, given: Any, scan: Path) -> None:
+    """Flats and darks of another file would not be those that the scan is normalized with."""
+    file = "input_data" if given is None else given["file"]
+    if file != "input_data" and Path(file).resolve() != scan.resolve():
+        _refuse(f"{key}.file", file, f"input_data is needed, or the path of {scan.name} itself")
 
 
 def _refuse(key: str, given: Any, needed: str) -> None:

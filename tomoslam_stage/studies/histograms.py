@@ -170,7 +170,7 @@ def histogram(title: str, values: Floats) -> Histogram:
     scale = shape.sigma_from_quartiles
     edges = shape.median + REACH * scale * np.linspace(-1, 1, BARS + 1)
     counts = counted(values, edges)
-    remark = f"{len(values)} triplets, sigma {scale:.2g} from quartiles, {shape.sigma:.2g} from "
-    remark += f"squares; p = {shape.probability:.1g}"
+    remark = f"{len(values)} triplets; sigma {scale:.2g} (quartiles), {shape.sigma:.2g} (squares)"
+    remark += f"; p = {shape.probability:.1g}"
     normal = len(values) * normal_share(edges - shape.median, scale)
     return Histogram(title, remark, labels, edges, counts, normal)

@@ -12,6 +12,7 @@ from tomoslam_stage.comparison.graphs import Graph, graphs_of
 from tomoslam_stage.comparison.histograms import Histogram, histograms_of
 from tomoslam_stage.comparison.metrics import difference_of_angles
 from tomoslam_stage.comparison.page.packing import rounded
+from tomoslam_stage.comparison.shifts import shifts_of
 from tomoslam_stage.comparison.slice_pairs import slice_pairs
 from tomoslam_stage.comparison.theta_picture import abscissa
 
@@ -25,6 +26,13 @@ def line(style: str, label: str, x: Floats, y: Floats) -> dict[str, Any]:
     return {"kind": "line", "style": style, "label": label, "x": rounded(x), "y": rounded(y)}
 
 
+def band(sigma: Floats) -> list[dict[str, Any]]:
+    """One and two sigma (n,) about the first curve; nothing where none is known."""
+    if not np.isfinite(sigma).any():
+        return []
+    return [{"kind": "band", "style": "refined", "label": "± 1 and 2 σ", "width": rounded(sigma)}]
+
+
 def correction_chart(findings: Findings) -> dict[str, Any] | None:
     """Refined minus recorded with its sigma and the lapses of the stage; None where none moved."""
     refinement = findings.refinement
@@ -34,11 +42,7 @@ def correction_chart(findings: Findings) -> dict[str, Any] | None:
     change, sigma = np.degrees(refinement.change), np.degrees(refinement.sigma)
     stands = refinement.status == "accepted"
     name = "correction" if stands else "correction found, not used"
-    series = [line("refined", name, along, change)]
-    if np.isfinite(sigma).any():
-        series.append(
-            {"kind": "band", "style": "refined", "label": "± 1 and 2 σ", "width": rounded(sigma)}
-        )
+    series = [line("refined", name, along, change), *band(sigma)]
     if findings.truth is not None:
         true = np.degrees(difference_of_angles(findings.truth.theta, refinement.recorded))
         true += np.nanmean(change - true)
@@ -55,6 +59,26 @@ def correction_chart(findings: Findings) -> dict[str, Any] | None:
             }
             for event in refinement.events
         ],
+        "zero": True,
+        "items": items(findings),
+    }
+
+
+def shift_chart(findings: Findings) -> dict[str, Any] | None:
+    """Tell how far each projection lies to the right; None where nobody looked."""
+    shifts = shifts_of(findings)
+    if shifts is None:
+        return None
+    along, label = abscissa(findings.refinement.recorded)
+    stands = findings.refinement.status == "accepted"
+    name = "shift" if stands else "shift found, not used"
+    series = [line("refined", name, along, shifts.found), *band(shifts.sigma)]
+    if shifts.true is not None:
+        series.append(line("true", "true shift (same axis and place)", along, shifts.true))
+    return {
+        "title": "shift of the sample on its stage",
+        "labels": [label, "detector px to the right"],
+        "series": series,
         "zero": True,
         "items": items(findings),
     }

@@ -12,6 +12,7 @@ from tomoslam_stage.comparison.measures import measures
 from tomoslam_stage.comparison.page.charts import (
     correction_chart,
     residual_chart,
+    shift_chart,
     slice_charts,
     track_charts,
 )
@@ -41,6 +42,7 @@ def contents(findings: Findings, report: Mapping[str, Any]) -> dict[str, Any]:
         "slices": slices_viewer(findings),
         "slice_charts": slice_charts(findings),
         "correction": correction_chart(findings),
+        "shifts": shift_chart(findings),
         "residuals": residual_chart(findings),
         "movie": movie(findings),
         "track_charts": track_charts(findings),

@@ -30,7 +30,8 @@ function tellTiles() {
     "median sigma": report.median_sigma_deg !== null && `${number(report.median_sigma_deg, 2)}°`,
     [`residual, ${where}`]: moved && gain !== null && `${gain > 0 ? "−" : "+"}${number(Math.abs(gain), 3)} %`,
     "true error, rms": "error_ratio" in errors && moved && `${number(errors.recorded_rms_deg, 2)}° → ${number(errors.refined_rms_deg, 2)}°`,
-    features: report.n_features && String(report.n_features),
+    // Those that were left out, and are not drawn, would only puzzle.
+    features: page.movie.tracks && report.n_features && String(report.n_features),
     "axis, detector column": report.axis_px !== null && `${number(report.axis_px, 6)} px`,
   };
   const shown = Object.entries(tiles).filter(([, value]) => value);

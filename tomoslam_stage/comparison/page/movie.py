@@ -26,7 +26,7 @@ TAIL_DEG = 12.0
 def movie(findings: Findings) -> dict[str, Any]:
     """Projections evenly chosen in the order of the angles, read one by one; their sightings."""
     scan, theta = findings.scan, findings.refinement.recorded
-    order = around(theta - theta.min())
+    order = around(theta)
     chosen = np.unique(np.linspace(0, len(order) - 1, min(FRAMES, len(order))).astype(np.intp))
     factor = max(-(-scan.n_columns // WIDEST), -(-scan.n_rows // HIGHEST))
     factor = min(factor, scan.n_columns, scan.n_rows)

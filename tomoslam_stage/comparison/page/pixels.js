@@ -90,3 +90,22 @@ function valueAt(parts, name, x, y) {
   }
   return null;
 }
+
+/** The line between two pictures. */
+function line(pen, x, height) {
+  pen.fillStyle = "#e69f00";
+  pen.fillRect(x - 1, 0, 2, height);
+}
+
+/** The same with a grip. */
+function divider(pen, x, height) {
+  line(pen, x, height);
+  pen.beginPath();
+  pen.arc(x, height / 2, 13, 0, 2 * Math.PI);
+  pen.fill();
+  pen.fillStyle = "#1c1c1e";
+  pen.font = "bold 13px system-ui, sans-serif";
+  pen.textAlign = "center";
+  pen.textBaseline = "middle";
+  pen.fillText("↔", x, height / 2 + 1);
+}

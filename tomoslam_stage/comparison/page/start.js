@@ -24,7 +24,7 @@ function showTheme() {
 
 function showAngles(box) {
   const slots = box.querySelectorAll(".chart-slot");
-  [page.correction, page.residuals].forEach((spec, k) => {
+  [page.correction, page.shifts, page.residuals].forEach((spec, k) => {
     if (spec) new Chart(slots[k], spec);
   });
   const marks = page.correction?.marks ?? [];

@@ -234,6 +234,8 @@ class Viewer {
   drawNow() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     const dense = window.devicePixelRatio || 1;
+    // A finger scrolls the page up and down while there is nowhere to move the picture to.
+    this.canvas.style.touchAction = this.view.zoom > 1 ? "none" : "pan-y";
     Object.assign(this.canvas, { width: width * dense, height: height * dense });
     const pen = this.canvas.getContext("2d");
     pen.scale(dense, dense);
@@ -274,19 +276,22 @@ class Viewer {
   }
 
   /** Place in the picture under a place on the screen. */
-  under(event) {
+  under([right, down]) {
     const box = this.canvas.getBoundingClientRect();
     const wide = box.width / this.panels;
-    const x = (event.clientX - box.left) % wide;
+    const x = (right - box.left) % wide;
     const [across, along] = this.scale();
-    return [this.view.x + (x - wide / 2) / across, this.view.y + (event.clientY - box.top - box.height / 2) / along];
+    return [this.view.x + (x - wide / 2) / across, this.view.y + (down - box.top - box.height / 2) / along];
   }
 
   listen() {
     const { canvas } = this;
-    canvas.addEventListener("pointerdown", (event) => this.grab(event));
-    canvas.addEventListener("pointermove", (event) => this.drag(event));
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { this.held = null; });
+    followPointers(canvas, {
+      grab: (event) => this.grab(event),
+      drag: (event, moved) => this.drag(event, moved),
+      pinch: (before, after) => this.pinch(before, after),
+      release: () => { this.held = null; },
+    });
     canvas.addEventListener("pointerleave", () => { this.said.textContent = ""; });
     canvas.addEventListener("wheel", (event) => this.roll(event), { passive: false });
     canvas.addEventListener("dblclick", () => this.fit());
@@ -295,28 +300,35 @@ class Viewer {
 
   grab(event) {
     if (!this.window) return;
-    this.canvas.setPointerCapture(event.pointerId);
     const x = event.clientX - this.canvas.getBoundingClientRect().left;
     const near = Math.abs(x - this.split * this.canvas.clientWidth) < GRIP;
     this.held = this.mode === "wipe" && (near || this.view.zoom === 1) ? "divider" : "picture";
-    this.last = [event.clientX, event.clientY];
-    this.drag(event);
+    this.splitBefore = this.split;
+    this.drag(event, [0, 0]);
   }
 
-  drag(event) {
+  drag(event, [right, down]) {
     if (!this.window) return;
     const box = this.canvas.getBoundingClientRect();
     if (this.held === "divider") this.wipe((event.clientX - box.left) / box.width);
-    if (this.held === "picture") this.pan(this.last[0] - event.clientX, this.last[1] - event.clientY);
-    this.last = [event.clientX, event.clientY];
-    this.read(...this.under(event));
+    if (this.held === "picture") this.pan(-right, -down);
+    this.read(...this.under([event.clientX, event.clientY]));
+  }
+
+  /** What lay between the fingers stays there; the first of them did not mean the divider. */
+  pinch(before, after) {
+    if (!this.window) return;
+    if (this.held === "divider") this.wipe(this.splitBefore);
+    this.held = "picture";
+    this.zoomBy(after.apart / Math.max(before.apart, 1), this.under(before.middle));
+    this.pan(before.middle[0] - after.middle[0], before.middle[1] - after.middle[1]);
   }
 
   /** Only where the picture has the focus: the wheel belongs to the page. */
   roll(event) {
     if (document.activeElement !== this.canvas && !event.ctrlKey) return;
     event.preventDefault();
-    this.zoomBy(event.deltaY < 0 ? ZOOM_STEP : 1 / ZOOM_STEP, this.under(event));
+    this.zoomBy(event.deltaY < 0 ? ZOOM_STEP : 1 / ZOOM_STEP, this.under([event.clientX, event.clientY]));
   }
 
   /** Say the values at a place. */
@@ -372,27 +384,10 @@ class Viewer {
   }
 }
 
-function line(pen, x, height) {
-  pen.fillStyle = "#e69f00";
-  pen.fillRect(x - 1, 0, 2, height);
-}
-
-function divider(pen, x, height) {
-  line(pen, x, height);
-  pen.beginPath();
-  pen.arc(x, height / 2, 13, 0, 2 * Math.PI);
-  pen.fill();
-  pen.fillStyle = "#1c1c1e";
-  pen.font = "bold 13px system-ui, sans-serif";
-  pen.textAlign = "center";
-  pen.textBaseline = "middle";
-  pen.fillText("↔", x, height / 2 + 1);
-}
-
 /** Only the keys that do something here. */
 function keyList(there) {
   const rows = Object.entries(KEYS).filter(([name]) => there[name] ?? true).map(([, [keys, meaning]]) =>
     element("div", {}, element("kbd", {}, keys), ` ${meaning}`));
   return element("details", { class: "keys" }, element("summary", {}, "keys"), ...rows,
-    element("div", {}, "The wheel zooms once the picture has been clicked."));
+    element("div", {}, "The wheel zooms once the picture has been clicked; two fingers zoom at once."));
 }

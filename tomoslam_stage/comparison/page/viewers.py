@@ -14,6 +14,7 @@ from tomoslam_stage.comparison.regions import disc_radius, grey_limits, most_cha
 from tomoslam_stage.comparison.slice_pairs import SlicePair, slice_pair
 from tomoslam_stage.comparison.slices_picture import panel_titles
 from tomoslam_stage.geometry import around
+from tomoslam_stage.images import still
 
 if TYPE_CHECKING:
     from tomoslam_stage.comparison.findings import Findings
@@ -121,15 +122,15 @@ def sinogram_viewer(findings: Findings) -> dict[str, Any] | None:
     row = row_shown(findings)
     sinogram = scan.sinograms(np.array([row]))
     geometry = {
-        "recorded": (refinement.recorded, axes[0]),
-        "refined": (refinement.refined, axes[1]),
+        "recorded": (sinogram, refinement.recorded, axes[0]),
+        "refined": (still(sinogram, refinement.shift), refinement.refined, axes[1]),
     }
     order = around(refinement.recorded - refinement.recorded.min())
     left = {
-        name: Reprojection().left(sinogram, theta, axis)[0, order]
-        for name, (theta, axis) in geometry.items()
+        name: Reprojection().left(seen, theta, axis)[0, order]
+        for name, (seen, theta, axis) in geometry.items()
     }
-    placed = {name: by_angle(sinogram[0], theta) for name, (theta, _) in geometry.items()}
+    placed = {name: by_angle(seen[0], theta) for name, (seen, theta, _) in geometry.items()}
     unused = "a row that was not used" if row in refinement.heldout_rows else "a row that was used"
     return {
         "names": {"recorded": "recorded angles", "refined": "refined angles"},

@@ -14,7 +14,16 @@ from tomoslam_stage.comparison.writing import write_atomically
 if TYPE_CHECKING:
     from pathlib import Path
 
-SCRIPTS = ("data.js", "pixels.js", "viewer.js", "charts.js", "player.js", "facts.js", "start.js")
+SCRIPTS = (
+    "data.js",
+    "pixels.js",
+    "pointers.js",
+    "viewer.js",
+    "charts.js",
+    "player.js",
+    "facts.js",
+    "start.js",
+)
 """In the order in which they use each other."""
 
 
