@@ -7,21 +7,27 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.mapping import looking
-from tomoslam_stage.mapping.looking import Observed, Reading, observed, strongest, truncated
+from tomoslam_stage.mapping.looking import Observed, strongest, truncated
+from tomoslam_stage.mapping.reading import Reading
 from tomoslam_stage.products import Geometry
 
 if TYPE_CHECKING:
     from conftest import Blobs, Known
 
-    from tomoslam_stage.products import Floats, Pixels
+    from tomoslam_stage.products import Floats, Pixels, Scan
 
-UNBINNED = Reading(1, 8.0, 1.5)
 STRENGTHS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.15)
 THETA = np.arange(60) * np.pi / 30
 START = Geometry(THETA, 64.8, np.deg2rad(0.2), 30.0)
 JITTERED = replace(
     START, shift=np.random.default_rng(8).normal(0, 0.5, 60), unknowns=("theta", "axis", "shift")
 )
+
+
+def rows_of(scan: Scan, count: int, binning: int = 1) -> Observed:
+    """Read the first `count` rows, every one for itself."""
+    first = np.arange(count)
+    return Reading(scan, first, binning, 8.0, 1.5).observed(first)
 
 
 @pytest.fixture
@@ -84,16 +90,16 @@ def disc_rows(rng: np.random.Generator) -> Pixels:
 def test_the_prior_grows_where_blocks_are_seen_through_noise(walk: Known) -> None:
     theta = np.arange(90) * np.pi / 45
     blocks = Observed(disc_rows(np.random.default_rng(3)), np.arange(4), 1, 8.0)
-    few = observed(walk.scan, np.arange(4), np.arange(4), UNBINNED)
+    few = rows_of(walk.scan, 4)
     fine = strongest(few, walk.true, STRENGTHS)
     assert strongest(blocks, Geometry(theta, 31.5), STRENGTHS) > 2 * fine
 
 
 def test_an_object_that_goes_on_beyond_the_detector_gets_a_wider_map(walk: Known) -> None:
-    whole = observed(walk.scan, np.arange(4), np.arange(4), UNBINNED)
+    whole = rows_of(walk.scan, 4)
     assert whole.extent == 1.0
     cut = replace(walk.scan, source=type(walk.scan.source)(walk.scan.source.values[..., 16:48]))
-    assert observed(cut, np.arange(4), np.arange(4), UNBINNED).extent == 1.5
+    assert rows_of(cut, 4).extent == 1.5
 
 
 def test_what_shows_nothing_is_not_truncated() -> None:
@@ -101,7 +107,7 @@ def test_what_shows_nothing_is_not_truncated() -> None:
 
 
 def test_rows_that_are_few_are_a_part_of_those_that_are_many(walk: Known) -> None:
-    whole = observed(walk.scan, np.arange(12), np.arange(12), replace(UNBINNED, binning=2))
+    whole = rows_of(walk.scan, 12, binning=2)
     part = whole.part(5)
     assert len(part.rows) == 5
     assert np.array_equal(part.sinograms[1], whole.sinograms[part.rows[1]])

@@ -9,16 +9,14 @@ import numpy as np
 
 from tomoslam_stage.geometry import around, spread
 from tomoslam_stage.images import highpass, shifted
-from tomoslam_stage.mapping.edges import edge_squares
 from tomoslam_stage.mapping.maps import mapped, seen
 from tomoslam_stage.parallel import BLOCK, parallel
 from tomoslam_stage.radon import Radon
-from tomoslam_stage.reprojection import binned
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator
 
-    from tomoslam_stage.products import Floats, Geometry, Integers, Pixels, Scan
+    from tomoslam_stage.products import Floats, Geometry, Integers, Pixels
 
 Result = TypeVar("Result")
 
@@ -67,20 +65,6 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How rows are read."""
-
-    binning: int
-    """Columns made one."""
-    cutoff: float
-    """Px of the scan: what is smoother along the columns does not count."""
-    wide: float
-    """Side of the map where the object reaches beyond the detector, in widths of it."""
-    edges: bool = False
-    """Whether what edges hide is looked for, too."""
-
-
-@dataclass(frozen=True)
 class Observed:
     """Some rows of a scan, and how a map is made of them."""
 
@@ -96,20 +80,13 @@ class Observed:
     """Side of the map, in widths of the detector."""
     strength: float = 0.0
     """Of the total variation, in standard deviations of a slice."""
-    edges: Pixels | None = None
-    """(r, n, column) squared gradient of the line integrals, px^-2 of the scan; see `edges`."""
+    blur: float = 0.0
+    """Px of the scan: that of the intensities, which was mended."""
 
     def part(self, count: int) -> Observed:
         """About `count` of the rows, evenly spread."""
         some = spread(len(self.rows), count)
-        edges = None if self.edges is None else self.edges[some]
-        return replace(self, sinograms=self.sinograms[some], rows=self.rows[some], edges=edges)
-
-    def unhidden(self, spread: float) -> Observed:
-        """Give back what edges hide behind a point spread of twice the variance `spread`, px^2."""
-        if self.edges is None or not spread:
-            return self
-        return replace(self, sinograms=self.sinograms + np.float32(spread) * self.edges)
+        return replace(self, sinograms=self.sinograms[some], rows=self.rows[some])
 
     def look(self, geometry: Geometry) -> Look:
         """Make the map of `geometry`, project it, and compare."""
@@ -188,16 +165,6 @@ class Observed:
         return parallel(work, [slice(start, start + BLOCK) for start in starts])
 
 
-def observed(scan: Scan, rows: Integers, usable: Integers, reading: Reading) -> Observed:
-    """Read `rows` of `scan`, and their neighbours as far as these are `usable`."""
-    sinograms = binned(scan.sinograms(rows), reading.binning)
-    edges = None
-    if reading.edges:
-        edges = binned(edge_squares(scan, rows, usable), reading.binning)
-    extent = reading.wide if truncated(sinograms) else 1.0
-    return Observed(sinograms, rows, reading.binning, reading.cutoff, extent, edges=edges)
-
-
 def truncated(sinograms: Pixels) -> bool:
     """Whether the object reaches beyond the detector: its ends are not empty."""
     columns = max(2, round(END * sinograms.shape[-1]))
@@ -209,25 +176,18 @@ def truncated(sinograms: Pixels) -> bool:
 def strongest(seen_rows: Observed, geometry: Geometry, strengths: Iterable[float]) -> float:
     """Return the largest strength within 2 % of the least error on projections left out."""
     errors = left_out_errors(
-        geometry, {strength: replace(seen_rows, strength=strength) for strength in strengths}, 1.08
+        geometry, ((each, replace(seen_rows, strength=each)) for each in strengths), 1.08
     )
     least = min(errors.values())
     return max(strength for strength, error in errors.items() if error <= 1.02 * least)
 
 
-def likeliest(seen_rows: Observed, geometry: Geometry, spreads: Iterable[float]) -> float:
-    """Return the point spread, px^2, of the least error on projections left out."""
-    tried = {spread: seen_rows.unhidden(spread) for spread in spreads}
-    errors = left_out_errors(geometry, tried, 1.0)
-    return min(errors, key=lambda spread: errors[spread])
-
-
 def left_out_errors(
-    geometry: Geometry, tried: Mapping[float, Observed], rise: float
+    geometry: Geometry, tried: Iterable[tuple[float, Observed]], rise: float
 ) -> dict[float, float]:
     """By name: the error on projections left out, until it is `rise` times the least so far."""
     errors: dict[float, float] = {}
-    for name, one in tried.items():
+    for name, one in tried:
         errors[name] = one.left_out(geometry)
         if errors[name] > rise * min(errors.values()):
             break

@@ -11,7 +11,8 @@ from pydantic import Field
 
 from tomoslam_stage.geometry import rms_difference, spread
 from tomoslam_stage.mapping.curvature import Place, looks_needed, probed
-from tomoslam_stage.mapping.looking import Observed, Reading, likeliest, observed, strongest
+from tomoslam_stage.mapping.looking import Observed, strongest
+from tomoslam_stage.mapping.reading import Reading, likeliest
 from tomoslam_stage.mapping.stepping import Stepping, weighed
 from tomoslam_stage.mapping.weighing import misfits
 from tomoslam_stage.methods import method
@@ -33,10 +34,8 @@ WEAKEST = 0.01
 """Strength of the prior that none is compared with."""
 FARTHEST = np.deg2rad(20)
 """Radians, rms: a map that goes farther from where it began has lost its way."""
-DOUBTED_SPREAD = 0.2
-"""Px^2: how far the point spread that hides edges may be off, as it acts on thick ones."""
-USUAL = 0.02
-"""Strength of the prior while the point spread is looked for."""
+DOUBTED_BLUR = 0.1
+"""Px: how far the blur of intensities may be off, as it acts on thick edges."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class Mapped:
     """(r, n) mean squared residual of each row and projection, squared line integrals."""
     bias_pulls: Floats
     """(b, k) by how much the pull would change with half as strong a prior for the map; and, where
-    hidden edges were given back, with somewhat more of them."""
+    a blur was looked for, with somewhat more of it."""
     rows: Integers
     """(r,) rows of the scan that were used."""
     strength: float
@@ -87,8 +86,8 @@ class Mapping:
     """Rows that show how the pull answers to changes, and how strong the prior may be."""
     strengths: tuple[Annotated[float, Field(ge=0)], ...] = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.15)
     """Of the total variation, in standard deviations of the map; left-out projections choose."""
-    spreads: tuple[Annotated[float, Field(ge=0)], ...] = (0.0,)
-    """Px^2: half the variance of a point spread that hides edges; left-out projections choose."""
+    blurs: tuple[Annotated[float, Field(ge=0)], ...] = (0.0,)
+    """Px: standard deviation of the detector's blur, to be mended; left-out projections choose."""
     wide: Annotated[float, Field(ge=1)] = 1.5
     """Side of the map where the object reaches beyond the detector, in widths of it."""
     floor: Annotated[float, Field(gt=0, lt=1)] = 0.04
@@ -100,12 +99,12 @@ class Mapping:
     def closer(cls) -> Mapping:
         """Return how to look where thick projections break the linear model.
 
-        Single columns, as thin layers are seen edge on; what edges hide given back; no prior so
-        strong that it flattens what is thin; and what fits badly all the same counts for less.
+        Single columns, as thin layers are seen edge on; the blur of intensities mended; no prior
+        so strong that it flattens what is thin; and what fits badly all the same counts for less.
         """
-        spreads = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8)
+        blurs = (0.0, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0)
         strengths = (0.0, 0.01, 0.02, 0.03, 0.05)
-        return cls(binning=1, spreads=spreads, strengths=strengths, misfit=0.25)
+        return cls(binning=1, blurs=blurs, strengths=strengths, misfit=0.25)
 
     def refine(self, scan: Scan, rows: Integers, start: Geometry, solve: Solve) -> Mapped | None:
         """Improve on `start`; None where the rows say nothing.
@@ -123,23 +122,27 @@ class Mapping:
         """
         if len(rows) < FEWEST_ROWS or scan.n_projections < FEWEST_PROJECTIONS:
             return None
-        few, many = (self._observed(scan, rows, count) for count in (self.rows_first, self.rows))
+        reading = Reading(scan, rows, self.binning, self.cutoff, self.wide)
+        few, many = (
+            reading.observed(rows[spread(len(rows), count)])
+            for count in (self.rows_first, self.rows)
+        )
         numbers = np.isfinite([*start.theta, *start.shift, start.axis, start.roll]).all()
         if not (numbers and usable(few.sinograms) and usable(many.sinograms)):
             return None
         with on_one_thread():
             try:
-                return self._refined(few, many, start, solve)
+                return self._refined(reading, few, many, start, solve)
             except np.linalg.LinAlgError:  # what so few projections say cannot be solved for
                 return None
 
     def _refined(
-        self, few: Observed, many: Observed, start: Geometry, solve: Solve
+        self, reading: Reading, few: Observed, many: Observed, start: Geometry, solve: Solve
     ) -> Mapped | None:
         """Step with `few` rows, then with `many`."""
         expected = looks_needed(start.layout) + self.steps_first + self.steps + 4
         looks = progress(range(expected), "mapping", expected)
-        few = self._fitted(few, start)
+        few = self._fitted(reading, few, start)
         place = probed(counted(few.part(self.probe_rows), looks), start, self.floor)
         if place is None:
             return None
@@ -147,45 +150,46 @@ class Mapping:
         first = stepping.run(place, self.steps_first)
         if first is None:
             return None
-        many = self._fitted(many, first.geometry)
+        many = self._fitted(reading, many, first.geometry)
         stepping = Stepping(counted(many, looks), solve, self.misfit)
         last = stepping.run(first, self.steps)
         if last is None or rms_difference(last.geometry.theta, start.theta) > FARTHEST:
             return None
-        otherwise = [replace(many, strength=many.strength / 2 or WEAKEST)]
-        if many.edges is not None:
-            otherwise.append(many.unhidden(DOUBTED_SPREAD))
-        ended = self._mapped(many, last, [counted(o, looks)(last.geometry) for o in otherwise])
+        otherwise = [counted(o, looks)(last.geometry) for o in self._otherwise(reading, many)]
+        ended = self._mapped(many, last, otherwise)
         deque(looks, maxlen=0)
         return ended
 
-    def _observed(self, scan: Scan, rows: Integers, count: int) -> Observed:
-        """Read up to `count` of `rows`, evenly spread."""
-        some = rows[spread(len(rows), count)]
-        edges = len(self.spreads) > 1
-        return observed(scan, some, rows, Reading(self.binning, self.cutoff, self.wide, edges))
-
-    def _fitted(self, rows: Observed, geometry: Geometry) -> Observed:
-        """`rows` as projections left out are predicted best: edges unhidden, prior for the map.
+    def _fitted(self, reading: Reading, rows: Observed, geometry: Geometry) -> Observed:
+        """`rows` as projections left out are predicted best: a blur mended, a prior for the map.
 
         Of the priors, the strongest that is as good as the best.
         """
-        if len(self.spreads) > 1:
-            part = replace(rows.part(self.probe_rows), strength=USUAL)
-            rows = rows.unhidden(likeliest(part, geometry, self.spreads))
+        if len(self.blurs) > 1:
+            blur = likeliest(reading, rows.part(self.probe_rows).rows, geometry, self.blurs)
+            rows = reading.observed(rows.rows, blur)
         part = rows.part(self.probe_rows)
         return replace(rows, strength=strongest(part, geometry, self.strengths))
 
+    def _otherwise(self, reading: Reading, rows: Observed) -> Iterator[Observed]:
+        """`rows` as they would be had we assumed otherwise, by as much as may well be."""
+        yield replace(rows, strength=rows.strength / 2 or WEAKEST)
+        if len(self.blurs) > 1:
+            more = reading.observed(rows.rows, rows.blur + DOUBTED_BLUR)
+            yield replace(more, strength=rows.strength)
+
     def _mapped(self, rows: Observed, place: Place, otherwise: list[Look]) -> Mapped | None:
         """Return what is known at the end, and what it would be had we assumed otherwise."""
-        look, said = place.look, weighed(place, self.misfit)
+        look = place.look
+        biases = [other.pull - look.pull for other in otherwise]
+        said = weighed(place, self.misfit, np.vstack([look.pulls, biases]))
         ended = Mapped(
             place.geometry,
             said.quadratic,
-            look.pulls @ said.whitener.T,
+            said.pulls[: len(rows.rows)],
             float(misfits(look.squares, place.geometry.theta).max()),
             look.squares,
-            np.stack([said.whitener @ (other.pull - look.pull) for other in otherwise]),
+            said.pulls[len(rows.rows) :],
             rows.rows,
             rows.strength,
         )
