@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+import tracemalloc
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -153,3 +154,19 @@ def stand_in_functions(monkeypatch: pytest.MonkeyPatch, fresh_import: None) -> N
         module = ModuleType(path)
         vars(module).update(names)
         monkeypatch.setitem(sys.modules, path, module)
+
+
+@pytest.fixture
+def matrices() -> Callable[[Callable[[], object], int], float]:
+    """Tell how much memory work needs at most, in matrices of so many by so many numbers."""
+
+    def needed(work: Callable[[], object], size: int) -> float:
+        work()  # what is imported, or kept, on the way does not count
+        tracemalloc.start()
+        try:
+            work()
+            return tracemalloc.get_traced_memory()[1] / (8 * size**2)
+        finally:
+            tracemalloc.stop()
+
+    return needed

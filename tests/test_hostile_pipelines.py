@@ -95,6 +95,11 @@ CASES: dict[str, tuple[str, str]] = {
         "3: load_scan.binning: 'two' does not fit: Input should be a valid integer, unable to "
         "parse string as an integer.",
     ),
+    "a switch for a number": (
+        refine("{mapping: {strengths: [0.0, yes]}}"),
+        "5: refine_theta.mapping.strengths.1: a switch (true, false, yes, no, on, off) does not "
+        "fit; a number is needed.",
+    ),
     "a list for a number": (
         entry("load_scan", "{binning: [1]}"),
         "3: load_scan.binning: [1] does not fit: Input should be a valid integer.",

@@ -35,9 +35,16 @@ BRUSHES: dict[str, type[Brush]] = {"flat": Flat, "round": Round}
 
 
 @method
+class Mixer:
+    speed: int = 1
+    share: float | None = None
+
+
+@method
 class Painting:
     brush: Annotated[Brush, chosen_from(BRUSHES, "paint.brush")] = field(default_factory=Flat)
     sizes: tuple[Annotated[int, Field(ge=0)], ...] = ()
+    mixer: Mixer = field(default_factory=Mixer)
 
 
 def refused(action: Any, *args: Any) -> str:
@@ -96,6 +103,27 @@ def test_the_place_of_a_wrong_value_in_a_list_is_said() -> None:
     assert message == (
         "paint.sizes.1: -2 does not fit: Input should be greater than or equal to 0."
     )
+
+
+@pytest.mark.parametrize(
+    ("parameters", "where"),
+    [
+        ({"sizes": [1, True]}, "paint.sizes.1"),
+        ({"brush": {"method": "flat", "width": True}}, "paint.brush.flat.width"),
+        ({"mixer": {"speed": False}}, "paint.mixer.speed"),
+        ({"mixer": {"share": True}}, "paint.mixer.share"),
+    ],
+)
+def test_a_switch_is_no_number(parameters: dict[str, Any], where: str) -> None:
+    needed = "a switch (true, false, yes, no, on, off) does not fit; a number is needed."
+    assert refused(checked, Painting, parameters, "paint") == f"{where}: {needed}"
+
+
+def test_a_switch_is_a_switch_and_a_number_in_quotes_a_number() -> None:
+    assert checked(Painting, {"brush": {"method": "flat", "soft": True}}, "paint").brush == Flat(
+        soft=True
+    )
+    assert checked(Mixer, {"speed": "3", "share": ".5e-1"}, "mixer") == Mixer(speed=3, share=0.05)
 
 
 def test_an_unknown_key_is_refused_though_the_others_are_wrong_too() -> None:

@@ -7,7 +7,7 @@ nearest right one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast, dataclass_transform
 
@@ -57,13 +57,38 @@ def checked(cls: type[Method], parameters: Mapping[str, Any], where: str) -> Met
         if key not in known:
             raise PipelineError(where, f"no parameter {key!r}.", nearest(str(key), known))
     try:
-        return cls(**parameters)
+        made = cls(**parameters)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join([where, *map(str, first["loc"])])
         if first["type"] == "missing":
             raise PipelineError(key, "is missing; a value is needed.") from error
         raise PipelineError(key, f"{first['input']!r} does not fit: {first['msg']}.") from error
+    for switch in _taken_for_numbers(parameters, made):
+        found = "a switch (true, false, yes, no, on, off) does not fit; a number is needed."
+        raise PipelineError(f"{where}.{switch}", found)
+    return made
+
+
+def _taken_for_numbers(given: Any, made: Any) -> Iterator[str]:
+    """Where `given` has switches that became numbers in `made`: to pydantic, true is 1."""
+    for key, item, became in _beside(given, made):
+        number = isinstance(became, int | float) and not isinstance(became, bool)
+        if isinstance(item, bool) and number:
+            yield str(key)
+        elif isinstance(item, Mapping | list | tuple):
+            yield from (f"{key}.{inner}" for inner in _taken_for_numbers(item, became))
+
+
+def _beside(given: Any, made: Any) -> Iterator[tuple[Any, Any, Any]]:
+    """Keys of a mapping or places in a list, what was `given` there and what was `made` of it."""
+    if not isinstance(given, Mapping):
+        items = zip(given, made, strict=False) if isinstance(made, Sequence) else ()
+        yield from ((place, *pair) for place, pair in enumerate(items))
+    elif isinstance(made, Mapping):
+        yield from ((key, item, made.get(key)) for key, item in given.items())
+    else:
+        yield from ((key, item, getattr(made, key, None)) for key, item in given.items())
 
 
 @dataclass(frozen=True, slots=True)

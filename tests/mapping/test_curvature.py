@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tomoslam_stage.mapping.curvature import _combs, looks_needed, probed, raised, secant
+from tomoslam_stage.mapping.curvature import _combs, learn, lift, looks_needed, probed
 from tomoslam_stage.mapping.looking import Look
 from tomoslam_stage.products import UNKNOWNS, Floats, Geometry, Layout
 
@@ -104,20 +104,23 @@ def test_the_combs_move_each_place_once_and_are_few(n: int) -> None:
 
 def test_a_raised_curvature_keeps_what_is_high_enough() -> None:
     conditional = np.array([1.0, 4.0, 9.0, 1.0])
-    found = raised(np.diag([-1.0, 2.0, 0.9, 1.0]), conditional, 0.25, Layout(2))
+    found = np.diag([-1.0, 2.0, 0.9, 1.0])
+    lift(found, conditional, 0.25, Layout(2))
     np.testing.assert_allclose(found, np.diag([0.25, 2.0, 2.25, 1.0]), atol=1e-12)
 
 
 def test_a_secant_makes_the_curvature_answer_as_it_was_seen_to() -> None:
     change, answer = np.array([1.0, 2.0, 0.0]), np.array([1.5, 0.5, 1.0])
-    found = secant(np.eye(3), change, answer, np.ones(3))
+    found = np.eye(3)
+    learn(found, change, answer, np.ones(3))
     np.testing.assert_allclose(found @ change, answer)
     assert np.linalg.eigvalsh(found).min() > 0
 
 
 def test_a_secant_downhill_leaves_the_curvature_positive() -> None:
     change = np.array([1.0, 2.0, 0.0])
-    found = secant(np.eye(3), change, -change, np.ones(3))
+    found = np.eye(3)
+    learn(found, change, -change, np.ones(3))
     assert np.linalg.eigvalsh(found).min() == pytest.approx(0.02)
 
 
@@ -125,7 +128,7 @@ def test_secants_that_contradict_each_other_leave_the_curvature_within_bounds() 
     rng = np.random.default_rng(6)
     curvature, conditional = np.diag([3.0, 1.0, 50.0]), np.array([3.0, 1.0, 50.0])
     for _ in range(60):
-        curvature = secant(curvature, rng.normal(size=3), 9 * rng.normal(size=3), conditional)
+        learn(curvature, rng.normal(size=3), 9 * rng.normal(size=3), conditional)
     scale = np.sqrt(conditional)
     values = np.linalg.eigvalsh(curvature / np.outer(scale, scale))
     assert values.min() > 1e-4

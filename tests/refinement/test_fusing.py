@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomoslam_stage.geometry import rms
+from tomoslam_stage.geometry import rms, unseen_shifts
 from tomoslam_stage.products import AngleMeasurements, Floats, Geometry, Quadratic
 from tomoslam_stage.refinement import FactorGraph, Fused, Said, agree, fused, honest, solver_with
 from tomoslam_stage.refinement.factors import Cv, Encoder, Prior
-from tomoslam_stage.refinement.fusing import centred
+from tomoslam_stage.refinement.fusing import uncertain
 
 N = 40
 NONE = AngleMeasurements.none()
@@ -48,9 +48,8 @@ def test_one_source_is_believed_where_the_encoder_has_no_say() -> None:
     np.testing.assert_allclose(FREE @ (found.geometry.theta - best.theta), 0, atol=1e-6)
     # Half a pixel of freedom against a tenth: 25 parts of 26.
     assert found.geometry.axis == pytest.approx(30 + 0.2 * 25 / 26)
-    formal = np.sqrt(np.diag(found.covariance))
-    np.testing.assert_allclose(np.rad2deg(formal), 0.05 * np.sqrt(1 - 1 / N), rtol=1e-4)
-    np.testing.assert_array_equal(found.sigma, formal)
+    np.testing.assert_allclose(np.rad2deg(found.formal), 0.05 * np.sqrt(1 - 1 / N), rtol=1e-4)
+    np.testing.assert_array_equal(found.sigma, found.formal)
 
 
 def test_two_sources_meet_at_their_weighted_mean() -> None:
@@ -69,7 +68,7 @@ def test_where_a_source_is_told_from_makes_no_difference() -> None:
     elsewhere = together(source(best[0], 0.1, far[0]), source(best[1], 0.2, far[1]))
     np.testing.assert_allclose(elsewhere.geometry.theta, there.geometry.theta, atol=1e-9)
     assert elsewhere.geometry.axis == pytest.approx(there.geometry.axis)
-    np.testing.assert_allclose(elsewhere.covariance, there.covariance, atol=1e-12)
+    np.testing.assert_allclose(elsewhere.variances, there.variances, atol=1e-12)
 
 
 def test_the_order_of_sources_makes_no_difference() -> None:
@@ -93,11 +92,12 @@ def test_a_lost_step_does_not_smear_where_sources_see_it() -> None:
     assert np.rad2deg(robust.residuals["encoder"][19, 0]) == pytest.approx(3.0, abs=0.2)
 
 
-def test_the_common_angle_has_no_covariance() -> None:
+def test_the_common_angle_makes_no_angle_and_no_step_unsure() -> None:
     rows = np.random.default_rng(0).normal(0, 1, (9, N))
-    np.testing.assert_allclose(centred(rows.T @ rows), FREE @ rows.T @ rows @ FREE, atol=1e-9)
-    found = together(source(RECORDED, 0.1)).covariance
-    np.testing.assert_allclose(found.sum(axis=0), 0, atol=1e-6 * found.max())
+    covariance, steps = rows.T @ rows, np.diff(np.eye(N), axis=0)
+    variances, step_variances = uncertain(covariance + 7.0)
+    np.testing.assert_allclose(variances, np.diag(FREE @ covariance @ FREE), atol=1e-9)
+    np.testing.assert_allclose(step_variances, np.diag(steps @ covariance @ steps.T), atol=1e-9)
 
 
 def pulled(deg: float, sigma_deg: float, seed: int = 7) -> Floats:
@@ -136,7 +136,7 @@ def test_a_source_that_overstates_itself_is_made_less_sure(what: str) -> None:
     )
     alone = together(boasting)
     weaker = honest(boasting, alone)
-    excess = rms(alone.sigma) / rms(np.sqrt(np.diag(alone.covariance)))
+    excess = rms(alone.sigma) / rms(alone.formal)
     assert 2 < excess < 4
     for name in ("information", "pull"):
         once, now = (getattr(said.quadratic, name) for said in (boasting, weaker))
@@ -144,9 +144,8 @@ def test_a_source_that_overstates_itself_is_made_less_sure(what: str) -> None:
     assert weaker.geometry is boasting.geometry
     again = together(weaker)
     np.testing.assert_allclose(again.geometry.theta, alone.geometry.theta, atol=1e-5)
-    formal = np.sqrt(np.diag(again.covariance))
     # Now it promises what it can hold, and is not made weaker a second time.
-    assert rms(formal) == pytest.approx(rms(alone.sigma), rel=0.01)
+    assert rms(again.formal) == pytest.approx(rms(alone.sigma), rel=0.01)
 
 
 def test_halves_that_show_no_more_than_promised_make_no_source_weaker() -> None:
@@ -188,3 +187,22 @@ def test_a_source_that_looked_from_turned_angles_turns_no_angle_against_the_othe
     first, second = (replace(source(at, 0.1), quadratic=said) for at in (RECORDED, turned))
     found = together(first, second)
     np.testing.assert_allclose(FREE @ (found.geometry.theta - RECORDED.theta), 0, atol=1e-6)
+
+
+def test_shifts_are_unsure_but_for_what_nobody_sees_of_them() -> None:
+    unknowns = ("theta", "axis", "roll", "shift")
+    start = replace(RECORDED, unknowns=unknowns)
+    weights = np.append(source(RECORDED, 0.05).quadratic.information.diagonal(), np.full(N, 1e4))
+    information = np.diag(weights)
+    pull = np.zeros(2 * N + 2)
+    unseen = unseen_shifts(start.theta)
+    pull[N + 2 :] = 1e4 * 0.5 * unseen[:, 1]
+    said = Said(start, Quadratic(information, pull), np.zeros(2 * N + 2), pull[None])
+    found = fused(LOOSE, start, NONE, [said])
+    # A hundredth of a px each, of which three of all combinations are no error, nor are those
+    # that an assumption adds.
+    wanted = 0.01 * np.sqrt(1 - (unseen**2).sum(axis=1))
+    np.testing.assert_allclose(found.shift_sigma, wanted, rtol=1e-3)
+    np.testing.assert_allclose(found.shift, 0.5 * unseen[:, 1], rtol=1e-3, atol=1e-6)
+    assert together(source(RECORDED, 0.05)).shift_sigma is None
+    assert together(source(RECORDED, 0.05)).shift is None

@@ -7,12 +7,15 @@ import pytest
 
 from tomoslam_stage.products import Floats
 from tomoslam_stage.refinement import lapses, stage_noise
-from tomoslam_stage.refinement.stage_noise import LEAST_DEG, step_covariance
+from tomoslam_stage.refinement.stage_noise import LEAST_DEG
 
 N = 360
+STEPS = np.diff(np.eye(N), axis=0)
 RECORDED = np.deg2rad(np.arange(N, dtype=float))
 UNSURE = np.deg2rad(0.02) ** 2 * np.eye(N)
 """Covariance of angles that are measured to 0.02 degrees, each on its own."""
+UNSURE_STEPS = np.full(N - 1, 2 * np.deg2rad(0.02) ** 2)
+"""Variances of the steps between such angles."""
 
 
 def errors(walk: float, jitter: float, seed: int) -> Floats:
@@ -22,7 +25,7 @@ def errors(walk: float, jitter: float, seed: int) -> Floats:
 
 
 def told(true: Floats, walk: float, jitter: float) -> tuple[Floats, Floats]:
-    """What is made of `true` errors where they are measured with `UNSURE`, and its covariance.
+    """What is made of `true` errors where they are measured with `UNSURE`; variances of its steps.
 
     The posterior, for a stage that is known to have a walk and a jitter of so many degrees.
     """
@@ -30,7 +33,7 @@ def told(true: Floats, walk: float, jitter: float) -> tuple[Floats, Floats]:
     prior = np.deg2rad(walk) ** 2 * gap + np.deg2rad(jitter) ** 2 * np.eye(N)
     gain = prior @ np.linalg.inv(prior + UNSURE)
     noise = np.random.default_rng(99).normal(0, np.sqrt(UNSURE[0, 0]), N)
-    return gain @ (true + noise), prior - gain @ prior
+    return gain @ (true + noise), np.diag(STEPS @ (prior - gain @ prior) @ STEPS.T)
 
 
 def measured(true: Floats, seed: int = 99) -> tuple[Floats, Floats]:
@@ -71,12 +74,6 @@ def test_no_stage_is_taken_for_perfect() -> None:
     assert np.rad2deg(noise.step) == pytest.approx(LEAST_DEG)
 
 
-def test_covariance_of_steps_is_that_of_differences() -> None:
-    rows = np.random.default_rng(0).normal(0, 1, (7, 5))
-    steps = np.diff(np.eye(5), axis=0)
-    np.testing.assert_allclose(step_covariance(rows.T @ rows), steps @ rows.T @ rows @ steps.T)
-
-
 @pytest.mark.parametrize(("walk", "jitter"), [(0.05, 0.0), (0.0, 0.1), (0.2, 0.0), (0.0, 0.0)])
 def test_nothing_is_named_where_there_is_noise_alone(walk: float, jitter: float) -> None:
     found = [lapses(RECORDED, *told(errors(walk, jitter, s), walk, jitter)) for s in range(10)]
@@ -85,8 +82,8 @@ def test_nothing_is_named_where_there_is_noise_alone(walk: float, jitter: float)
 
 def test_a_lost_step_is_named_with_its_projection_size_and_significance() -> None:
     true = errors(0.03, 0.0, seed=1) - np.deg2rad(0.6) * (np.arange(N) >= 200)
-    found, covariance = told(true, 0.5, 0.0)
-    (event,) = lapses(RECORDED, found, covariance)
+    found, variances = told(true, 0.5, 0.0)
+    (event,) = lapses(RECORDED, found, variances)
     assert event.projection == 200
     assert event.size_deg == pytest.approx(np.rad2deg(np.diff(true)[199]), abs=3 * 0.03)
     # The noise of a step: the walk, and what the measurement of two angles adds (twice).
@@ -109,7 +106,7 @@ def test_a_lost_step_is_named_with_its_projection_size_and_significance() -> Non
 @pytest.mark.parametrize("turns", [1, -1])
 def test_a_lapse_of_a_whole_step_is_a_matter_of_frames(size: float, kind: str, turns: int) -> None:
     lapse = turns * np.deg2rad(size) * (np.arange(N) >= 50)
-    (event,) = lapses(turns * RECORDED, lapse, UNSURE / 100)
+    (event,) = lapses(turns * RECORDED, lapse, UNSURE_STEPS / 100)
     assert (event.projection, event.kind) == (50, kind)
     assert event.size_deg == pytest.approx(turns * size)
 
@@ -117,27 +114,27 @@ def test_a_lapse_of_a_whole_step_is_a_matter_of_frames(size: float, kind: str, t
 def test_a_lapse_where_the_stage_turns_round_is_backlash() -> None:
     there = np.deg2rad(np.concatenate([np.arange(180.0), np.arange(178.0, -2, -1)]))
     lapse = np.deg2rad(0.4) * (np.arange(N) >= 180)
-    (event,) = lapses(there, lapse, UNSURE / 100)
+    (event,) = lapses(there, lapse, UNSURE_STEPS / 100)
     assert (event.projection, event.kind) == (180, "backlash")
 
 
 def test_the_first_and_the_last_step_may_be_lost() -> None:
     lapse = np.deg2rad(0.5) * (np.arange(N) >= 1) + np.deg2rad(0.3) * (np.arange(N) >= N - 1)
-    first, last = lapses(RECORDED, lapse, UNSURE / 100)
+    first, last = lapses(RECORDED, lapse, UNSURE_STEPS / 100)
     assert (first.projection, last.projection) == (1, N - 1)
     assert {first.kind, last.kind} == {"lost step"}
 
 
 def test_lapses_are_named_in_order() -> None:
     lapse = sum(np.deg2rad(0.7) * (np.arange(N) >= k) for k in (250, 40, 111))
-    assert [e.projection for e in lapses(RECORDED, lapse, UNSURE / 100)] == [40, 111, 250]
+    assert [e.projection for e in lapses(RECORDED, lapse, UNSURE_STEPS / 100)] == [40, 111, 250]
 
 
 def test_what_no_step_is_sure_to_have_is_not_named() -> None:
     lapse = np.deg2rad(0.6) * (np.arange(N) >= 200)
-    assert not lapses(RECORDED, lapse, 50 * UNSURE)
+    assert not lapses(RECORDED, lapse, 50 * UNSURE_STEPS)
 
 
 def test_what_is_smaller_than_any_event_is_not_named_however_sure() -> None:
     lapse = np.deg2rad(0.09) * (np.arange(N) >= 200)
-    assert not lapses(RECORDED, lapse, np.zeros((N, N)))
+    assert not lapses(RECORDED, lapse, np.zeros(N - 1))

@@ -23,7 +23,8 @@ def alone(apart_deg: float = 0.0, turned: float = 0.0) -> Fused:
     apart = np.where(np.arange(N) % 2, 1, -1) * np.deg2rad(apart_deg)
     return Fused(
         geometry=Geometry(THETA + apart + turned, 30.0),
-        covariance=np.deg2rad(SIGMA_DEG) ** 2 * np.eye(N),
+        variances=np.full(N, np.deg2rad(SIGMA_DEG) ** 2),
+        step_variances=np.full(N - 1, 2 * np.deg2rad(SIGMA_DEG) ** 2),
         halves=np.zeros((1, N)),
         bias=np.zeros(N),
         residuals={},

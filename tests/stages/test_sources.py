@@ -76,7 +76,7 @@ class Placing:
         nowhere = np.empty(0)
         features = Features(np.empty((0, 2)), np.empty((0, 2, 2)), nowhere, nowhere, 0.1)
         residuals = np.zeros(seen.n_sightings)
-        return Adjusted(end, quadratic(), features, residuals, residuals + 1, 0.1, 1.0)
+        return Adjusted(end, quadratic, features, residuals, residuals + 1, 0.1, 1.0)
 
 
 @dataclass

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tomoslam_stage.geometry import TURN
+from tomoslam_stage.symmetric import add_gram, add_outer, symmetrise
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -64,9 +65,9 @@ def probed(look: Callable[[Geometry], Look], geometry: Geometry, floor: float) -
     for entries in layout.own:
         curvature[entries, layout.line] = curvature[layout.line, entries].T
     curvature[layout.axis, layout.roll] = curvature[layout.roll, layout.axis]
-    curvature = raised(curvature, start.conditional, floor, layout)
+    lift(curvature, start.conditional, floor, layout)
     for wave in _waves(geometry):
-        curvature = secant(curvature, wave, answer(wave).sum(axis=0), start.conditional)
+        learn(curvature, wave, answer(wave).sum(axis=0), start.conditional)
     return Place(geometry, start, curvature)
 
 
@@ -75,18 +76,24 @@ def looks_needed(layout: Layout) -> int:
     return 2 + len(layout.own) * sum(1 for _ in _combs(layout.n)) + 2 * MODES
 
 
-def raised(curvature: Floats, conditional: Floats, floor: float, layout: Layout) -> Floats:
-    """`curvature`, no eigenvalue of it below `floor`, in units of `conditional` (k,)."""
+def lift(curvature: Floats, conditional: Floats, floor: float, layout: Layout) -> None:
+    """Raise eigenvalues of `curvature` (k, k) to `floor`, in units of `conditional` (k,)."""
+    from scipy.linalg import eigh
+
     least = np.full(layout.size, 1e-3 * conditional[layout.angles].mean())
     for entries in layout.own:
         least[entries] = 1e-3 * conditional[entries].mean()
     scale = np.sqrt(np.maximum(conditional, least))
-    values, vectors = np.linalg.eigh(curvature / np.outer(scale, scale))
-    return np.asarray((vectors * np.maximum(values, floor)) @ vectors.T * np.outer(scale, scale))
+    relative = curvature / scale
+    relative /= scale[:, None]
+    # Few are so low: all would take much longer, and more memory.
+    low = (-np.inf, floor)
+    values, vectors = eigh(relative.T, overwrite_a=True, check_finite=False, subset_by_value=low)
+    add_gram(curvature, np.sqrt(floor - values)[:, None] * (scale * vectors.T), 1.0)
 
 
-def secant(curvature: Floats, change: Floats, answer: Floats, conditional: Floats) -> Floats:
-    """`curvature` such that ``curvature @ change`` is `answer`: the update of BFGS.
+def learn(curvature: Floats, change: Floats, answer: Floats, conditional: Floats) -> None:
+    """Make `curvature @ change` the `answer`, in place: the update of BFGS.
 
     Damped where the answer is out of bounds, in units of `conditional` (k,): mixed with what
     was known (Nocedal and Wright, Numerical Optimization, 18.14). No change teaches nothing.
@@ -94,17 +101,17 @@ def secant(curvature: Floats, change: Floats, answer: Floats, conditional: Float
     known = curvature @ change
     least, found = change @ known, change @ answer
     if least <= 0:
-        return curvature
+        return
     lowest = min(LOWEST * (change**2 @ conditional), least / 2)
     share = (least - lowest) / (least - found) if found < lowest else 1.0
     mixed = share * answer + (1 - share) * known
     while mixed**2 @ (1 / conditional) > HIGHEST * (change @ mixed):
         share /= 2
         if share < NOTHING:
-            return curvature
+            return
         mixed = share * answer + (1 - share) * known
-    update = np.outer(mixed, mixed) / (change @ mixed) - np.outer(known, known) / least
-    return np.asarray(curvature + update)
+    add_outer(curvature, mixed, 1 / float(change @ mixed))
+    add_outer(curvature, known, -1 / float(least))
 
 
 def _by_projections(answer: Callable[[Floats], Floats], geometry: Geometry, start: Look) -> Floats:
@@ -117,30 +124,34 @@ def _by_projections(answer: Callable[[Floats], Floats], geometry: Geometry, star
     order = np.argsort(np.mod(theta, np.pi), kind="stable")
     known = _conditional(start, layout)
     side = _sides(theta, layout)
-    curvature = known.copy()
+    curvature: Floats = known.toarray()
     for entries, step in zip(layout.own, (AMPLITUDE, AXIS_STEP), strict=False):
         for comb in _combs(layout.n):
             moved = entries.start + order[np.concatenate(comb)]
             change = np.zeros(layout.size)
             change[moved] = step * side[moved]
-            taken = answer(change).sum(axis=0) / step - known[:, moved] @ side[moved]
+            taken = answer(change).sum(axis=0) / step - known @ (change / step)
             for tooth, near in zip(comb, _nearest(comb, layout.n), strict=True):
                 of_tooth = entries.start + order[tooth]
                 places = np.concatenate([others.start + order[near] for others in layout.own])
                 share = taken[places, None] * side[of_tooth] / len(tooth)
                 curvature[np.ix_(places, of_tooth)] += share
-    return (curvature + curvature.T) / 2
-
-
-def _conditional(look: Look, layout: Layout) -> Floats:
-    """(k, k) curvature of angles and shifts, were the map to stay as it is."""
-    curvature = np.zeros((layout.size, layout.size))
-    for entries in layout.own:
-        np.fill_diagonal(curvature[entries, entries], look.conditional[entries])
-        for others in layout.own:
-            if others != entries:
-                np.fill_diagonal(curvature[entries, others], look.mixed)
+    symmetrise(curvature)
     return curvature
+
+
+def _conditional(look: Look, layout: Layout) -> Any:
+    """(k, k) sparse curvature of angles and shifts, were the map to stay as it is."""
+    from scipy.sparse import csr_array
+
+    values, rows, columns = [], [], []
+    for entries in layout.own:
+        for others in layout.own:
+            values.append(look.conditional[entries] if others == entries else look.mixed)
+            rows.append(np.arange(layout.size)[entries])
+            columns.append(np.arange(layout.size)[others])
+    where = np.concatenate(rows), np.concatenate(columns)
+    return csr_array((np.concatenate(values), where), (layout.size, layout.size))
 
 
 def _sides(theta: Floats, layout: Layout) -> Floats:

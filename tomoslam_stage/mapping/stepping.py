@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tomoslam_stage.mapping.curvature import Place, secant
+from tomoslam_stage.mapping.curvature import Place, learn
 from tomoslam_stage.mapping.looking import Look
-from tomoslam_stage.mapping.weighing import doubts, formal_sigma, noise, whitener
+from tomoslam_stage.mapping.weighing import doubts, formal_sigma, noise, whitened
 from tomoslam_stage.products import Floats, Geometry, Layout, Quadratic, Solve
 
 LONGEST = np.deg2rad(1.0)
@@ -30,25 +30,29 @@ SETTLED = 1 / 3
 class Weighed:
     """What a place says, in standard deviations."""
 
-    whitener: Floats
-    """(k, k) makes information of curvature."""
     quadratic: Quadratic
     """Information and pull."""
+    pulls: Floats
+    """(m, k) that were asked for, too."""
     weights: Floats
     """(n,) of the projections' residuals, one where they fit best."""
 
 
-def weighed(place: Place, misfit: float | None) -> Weighed:
-    """Weigh rows by their scatter and, unless `misfit` is None, projections by their misfit."""
+def weighed(place: Place, misfit: float | None, pulls: Floats | None = None) -> Weighed:
+    """Weigh rows by their scatter and, unless `misfit` is None, projections by their misfit.
+
+    So are `pulls` (m, k), if there are any.
+    """
     layout, look = place.geometry.layout, place.look
     factors = np.ones(layout.size)
     if misfit is not None:
         factors = doubts(look.squares, place.geometry, misfit)
-    whiten = whitener(place.curvature, noise(look, place.curvature) * factors)
-    information = whiten @ place.curvature
-    quadratic = Quadratic((information + information.T) / 2, whiten @ look.pull)
+    variance = noise(look, place.curvature) * factors
+    asked = look.pull[None] if pulls is None else np.vstack([look.pull, pulls])
+    information, told = whitened(place.curvature, variance, asked)
     of_projections = factors[layout.angles]
-    return Weighed(whiten, quadratic, of_projections.min() / of_projections)
+    weights = of_projections.min() / of_projections
+    return Weighed(Quadratic(information, told[0]), told[1:], weights)
 
 
 @dataclass(frozen=True)
@@ -63,24 +67,35 @@ class Stepping:
     """Excess residual, in medians, at which the noise of a projection counts double."""
 
     def run(self, place: Place, steps: int) -> Place | None:
-        """Go at most `steps` steps from `place`, seen by other rows; None for what's no number."""
+        """Go at most `steps` steps from `place`, seen by other rows; None for what's no number.
+
+        Its curvature is worked on in place: `place` is used up.
+        """
         place = self._seen(place)
         for step in range(steps):
-            now = weighed(place, self.misfit if step >= UNWEIGHED else None)
-            change = self.solve(place.geometry, now.quadratic)
-            if not np.isfinite(change).all():
-                return None
-            if step >= UNWEIGHED and settled(change, now.quadratic, place.geometry.layout):
-                break
-            place = self._moved(place, limited(change, place.geometry.layout), now.weights)
+            further = self._further(place, step)
+            if further is None or further is place:
+                return further
+            place = further
         return place
+
+    def _further(self, place: Place, step: int) -> Place | None:
+        """Go the step of this number from `place`; stay there where it would be none."""
+        now = weighed(place, self.misfit if step >= UNWEIGHED else None)
+        change = self.solve(place.geometry, now.quadratic)
+        if not np.isfinite(change).all():
+            return None
+        if step >= UNWEIGHED and settled(change, now.quadratic, place.geometry.layout):
+            return place
+        return self._moved(place, limited(change, place.geometry.layout), now.weights)
 
     def _seen(self, place: Place) -> Place:
         """Return the same place as these rows see it, the curvature in proportion."""
         look = self.look(place.geometry)
         angles = place.geometry.layout.angles
         more = look.conditional[angles].sum() / place.look.conditional[angles].sum()
-        return replace(place, look=look, curvature=place.curvature * more)
+        np.multiply(place.curvature, more, out=place.curvature)
+        return replace(place, look=look)
 
     def _moved(self, place: Place, change: Floats, weights: Floats) -> Place:
         """Go by `change`, or less of it where the residual would rise."""
@@ -95,8 +110,8 @@ class Stepping:
                 break
             change = change / 3
         answer = place.look.pull - look.pull
-        curvature = secant(place.curvature, change, answer, look.conditional)
-        return Place(geometry, look, curvature)
+        learn(place.curvature, change, answer, look.conditional)
+        return Place(geometry, look, place.curvature)
 
 
 def negligible(change: Floats, layout: Layout) -> bool:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tomoslam_stage.geometry import TURN, around
+from tomoslam_stage.geometry import around, within_turn
+from tomoslam_stage.symmetric import add_gram, factorised, halfway, inverse, solved
 
 if TYPE_CHECKING:
     from tomoslam_stage.mapping.looking import Look
@@ -61,28 +62,39 @@ def highest_near(values: Floats, theta: Floats) -> Floats:
     from scipy.ndimage import maximum_filter1d
 
     order = around(theta)
-    gap = np.ptp(np.mod(theta, TURN)) / max(len(theta) - 1, 1)
+    gap = np.ptp(within_turn(theta)) / max(len(theta) - 1, 1)
     reach = round(NEAR / gap) if gap > 0 else 0
     highest = np.empty_like(values)
     highest[order] = maximum_filter1d(values[order], 2 * reach + 1, mode="nearest")
     return highest
 
 
-def whitener(curvature: Floats, variance: Floats) -> Floats:
-    """(k, k) M such that ``M @ curvature`` is the information and ``M @ pull`` its pull.
+def whitened(curvature: Floats, variance: Floats, pulls: Floats) -> tuple[Floats, Floats]:
+    """(k, k) information, and the `pulls` (m, k) that go with it, in standard deviations.
 
     The pull has the covariance ``V^.5 K V^.5`` of the curvature K and the `variance` V (k,), so
-    that ``M = K V^-.5 K^-1 V^-.5``.
+    that the information is ``K V^-.5 K^-1 V^-.5 K``, and its pulls ``K V^-.5 K^-1 V^-.5`` times
+    those of the curvature.
     """
     if np.ptp(variance) == 0:
-        return np.asarray(np.eye(len(variance)) / variance[0])
-    root = 1 / np.sqrt(variance)
-    return np.asarray(np.linalg.solve(curvature, root[:, None] * curvature).T * root)
+        return curvature / variance[0], pulls / variance[0]
+    half, told = _halved(curvature, 1 / np.sqrt(variance), pulls)
+    information = np.zeros_like(curvature)
+    add_gram(information, half, 1.0)
+    return information, told
+
+
+def _halved(curvature: Floats, weights: Floats, pulls: Floats) -> tuple[Floats, Floats]:
+    """(k, k) H of the information H' H of `whitened`, and its pulls (m, k)."""
+    root = factorised(curvature.copy())
+    told = curvature @ (weights[:, None] * solved(root, (weights * pulls).T))
+    return halfway(root, weights[:, None] * curvature), np.asarray(told.T)
 
 
 def formal_sigma(information: Floats, layout: Layout) -> float:
     """Radians: the median over the angles, with the mean of the angles free."""
-    covariance = np.linalg.inv(information)[layout.angles, layout.angles]
-    common = covariance.mean(axis=0)
-    variance = np.diag(covariance) - 2 * common + common.mean()
+    root, mean = factorised(information.copy()), np.zeros(layout.size)
+    mean[layout.angles] = 1 / layout.n
+    common = solved(root, mean)[layout.angles]
+    variance = np.diag(inverse(root))[layout.angles] - 2 * common + common.mean()
     return float(np.sqrt(np.median(np.maximum(variance, 0))))

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tomoslam_stage.parallel import parallel
 from tomoslam_stage.products import Quadratic
 from tomoslam_stage.refinement.sightings import SLIGHT
+from tomoslam_stage.symmetric import add_gram, blocks
 
 if TYPE_CHECKING:
     from tomoslam_stage.products import Floats, Geometry, Layout
     from tomoslam_stage.refinement.sightings import Sightings
 
 BLOCK = 2048
-"""Rows of a dense product worked on at once, for any number of cores: bounds the memory."""
+"""Rows of a dense product worked on at once: bounds the memory."""
 FULL = 0.15
 """Matrices that are filled to this part are faster to multiply when they are taken for dense."""
 
@@ -57,8 +57,9 @@ def eliminated(
     whitened, factors = _orthonormal(sightings, root[:, None] * directions)
     mixed = _mixed(sightings, whitened, by_geometry)
     pull = np.concatenate([sightings.sums(part * residuals) for part in whitened.T])
-    full = _full(sightings, by_geometry, residuals)
-    left = Quadratic(full.information - _gram(mixed), full.pull - mixed.T @ pull)
+    left = _full(sightings, by_geometry, residuals)
+    _take_gram(left.information, mixed)
+    left.pull[:] -= mixed.T @ pull
     return Elimination(left, mixed, pull, factors)
 
 
@@ -153,17 +154,13 @@ def _full(sightings: Sightings, by_geometry: Derivatives, residuals: Floats) -> 
     return Quadratic(information, pull)
 
 
-def _gram(mixed: Any) -> Floats:
-    """(k, k) product of the transpose of `mixed` with itself."""
+def _take_gram(information: Floats, mixed: Any) -> None:
+    """Take the product of the transpose of `mixed` (2 f, k) with itself off `information`."""
     rows, size = mixed.shape
     if mixed.nnz < FULL * rows * size:
-        return np.asarray((mixed.T @ mixed).toarray())
-
-    def of_block(start: int) -> Floats:
-        block = mixed[start : start + BLOCK].toarray()
-        return np.asarray(block.T @ block)
-
-    total = np.zeros((size, size))
-    for part in parallel(of_block, range(0, rows, BLOCK)):
-        total += part
-    return total
+        across = mixed.T.tocsr()
+        for some in blocks(size):
+            information[some] -= (across[some] @ mixed).toarray()
+        return
+    for start in range(0, rows, BLOCK):
+        add_gram(information, mixed[start : start + BLOCK].toarray(), -1)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tomoslam_stage.geometry import rms, rms_difference
+from tomoslam_stage.geometry import rms, rms_difference, unseen_shifts
 from tomoslam_stage.products import Floats, Geometry, Quadratic, Solve
-from tomoslam_stage.refinement.joint import change_of, covariance_of, without_common_angle
+from tomoslam_stage.refinement.joint import without_turn
 
 if TYPE_CHECKING:
     from tomoslam_stage.products import AngleMeasurements, Layout
     from tomoslam_stage.refinement.graphing import FactorGraph
+    from tomoslam_stage.refinement.joint import Solved
 
 ROUNDS = 20
 """At most so many rounds of weighing; the sources are quadratic, only the weights change."""
@@ -41,26 +42,50 @@ class Fused:
     """The angles that all sources used agree on."""
 
     geometry: Geometry
-    covariance: Floats
-    """(n, n) radians squared, the common angle taken out."""
+    variances: Floats
+    """(n,) radians squared, of each angle, the common angle taken out."""
+    step_variances: Floats
+    """(n - 1,) radians squared, of each step."""
     halves: Floats
     """(s, n) radians: for each source how its halves would move the angles, common angle out."""
     bias: Floats
     """(n,) radians: how the assumptions of the sources may have moved the angles."""
     residuals: Mapping[str, Floats]
     """By name of the factor: radians."""
+    shift_sigma: Floats | None = None
+    """(n,) px: one standard deviation of the shifts, as `sigma` of the angles; None where these
+    are known."""
+
+    @property
+    def shift(self) -> Floats | None:
+        """(n,) px: the shifts of the projections; None where these are known."""
+        return self.geometry.shift if "shift" in self.geometry.unknowns else None
+
+    @property
+    def formal(self) -> Floats:
+        """(n,) radians: one standard deviation, as the sources themselves have it."""
+        return np.asarray(np.sqrt(self.variances))
 
     @property
     def half_error(self) -> float:
         """Radians, rms: the error of the angles as the halves of all sources show it."""
-        return float(np.sqrt(sum(rms(each) ** 2 for each in self.halves)))
+        return together(self.halves)
 
     @property
     def sigma(self) -> Floats:
         """(n,) radians: one standard deviation, no smaller than halves and assumptions show."""
-        formal = np.sqrt(np.diag(self.covariance))
-        excess = max(1.0, self.half_error / rms(formal)) if rms(formal) > 0 else 1.0
-        return np.asarray(np.hypot(excess * formal, self.bias))
+        return no_surer_than(self.half_error, self.formal, self.bias)
+
+
+def together(halves: Iterable[Floats]) -> float:
+    """Rms of the error that the halves of all sources show."""
+    return float(np.sqrt(sum(rms(each) ** 2 for each in halves)))
+
+
+def no_surer_than(half_error: float, formal: Floats, bias: Floats) -> Floats:
+    """(n,) one standard deviation: `formal` (n,), but what halves and assumptions show at least."""
+    excess = max(1.0, half_error / rms(formal)) if rms(formal) > 0 else 1.0
+    return np.asarray(np.hypot(excess * formal, bias))
 
 
 def fused(
@@ -83,26 +108,67 @@ def fused(
         The sources; the first tells where the others are told from.
     """
     here = said[0].geometry
-    # The graph does not hear of a common angle; told from elsewhere, a source must not speak of it.
-    heard = [without_common_angle(each.quadratic, here.layout) for each in said]
-    told = [q.after(here.since(each.geometry)) for q, each in zip(heard, said, strict=True)]
+    layout = here.layout
+
+    def heard(quadratic: Quadratic, change: Floats) -> Quadratic:
+        # Nobody sees a turn of all angles; told from beyond one, a source must not speak of it.
+        return quadratic.after(without_turn(change, layout))
+
+    told = [heard(each.quadratic, here.since(each.geometry)) for each in said]
     for _ in range(ROUNDS):
-        wanted = graph.joint(recorded, measurements, here, told)
-        change = change_of(wanted)
-        here, told = here.moved(change), [quadratic.after(change) for quadratic in told]
-        if np.abs(change[here.layout.angles]).max() < np.deg2rad(SETTLED_DEG):
+        change = graph.joint(recorded, measurements, here, told).change
+        here, told = here.moved(change), [heard(quadratic, change) for quadratic in told]
+        if np.abs(change[layout.angles]).max() < np.deg2rad(SETTLED_DEG):
             break
-    wanted = graph.joint(recorded, measurements, here, told)
-    covariance = covariance_of(wanted)
+    ended = graph.joint(recorded, measurements, here, told)
     blocks = {name: f.block(recorded.theta, measurements) for name, f in graph.factors.items()}
-    assumed = (moved_by(covariance, pull, here.layout) for each in said for pull in each.biases)
+    assumed = [moved_by(ended, pull, layout) for each in said for pull in each.biases]
+    halves = [moved_by(ended, each.halves, layout) for each in said]
+    covariance = ended.covariance()
+    variances, step_variances = uncertain(covariance[layout.angles, layout.angles])
     return Fused(
         geometry=here,
-        covariance=centred(covariance[here.layout.angles, here.layout.angles]),
-        halves=np.stack([moved_by(covariance, each.halves, here.layout) for each in said]),
-        bias=np.sqrt(sum((moved**2 for moved in assumed), np.zeros_like(here.theta))),
+        variances=variances,
+        step_variances=step_variances,
+        halves=np.stack([moved[layout.angles] for moved in halves]),
+        bias=squared_together([moved[layout.angles] for moved in assumed], layout.n),
         residuals={name: block.residuals(here.theta) for name, block in blocks.items()},
+        shift_sigma=shift_sigma(covariance, here, halves, assumed)
+        if "shift" in here.unknowns
+        else None,
     )
+
+
+def shift_sigma(
+    covariance: Floats, here: Geometry, halves: Sequence[Floats], assumed: Sequence[Floats]
+) -> Floats:
+    """(n,) px: how sure the shifts are, but for what nobody sees of them.
+
+    Parameters
+    ----------
+    covariance
+        (v, v) of what is free, the shifts last.
+    here
+        Where the projections are.
+    halves, assumed
+        Changes (k,) that the halves of the sources, and their assumptions, make.
+    """
+    n, unseen = here.layout.n, unseen_shifts(here.theta)
+
+    def seen(change: Floats) -> Floats:
+        shift = change[here.layout.shifts]
+        return np.asarray(shift - unseen @ (unseen.T @ shift))
+
+    across = covariance[-n:, -n:] @ unseen
+    taken = 2 * across - unseen @ (unseen.T @ across)
+    formal = np.sqrt(np.diag(covariance)[-n:] - (taken * unseen).sum(axis=1))
+    bias = squared_together([seen(change) for change in assumed], n)
+    return no_surer_than(together(seen(change) for change in halves), formal, bias)
+
+
+def squared_together(changes: Sequence[Floats], n: int) -> Floats:
+    """(n,) root of the sum of the squares of independent changes (n,)."""
+    return np.asarray(np.sqrt(sum((change**2 for change in changes), np.zeros(n))))
 
 
 def honest(said: Said, alone: Fused) -> Said:
@@ -111,7 +177,7 @@ def honest(said: Said, alone: Fused) -> Said:
     Sources overstate themselves differently: features that are pulled alike, a map that cannot
     hold all projections. `alone` is what the source says without the others.
     """
-    formal = rms(np.sqrt(np.diag(alone.covariance)))
+    formal = rms(alone.formal)
     excess = max(1.0, rms(alone.sigma) / formal) if formal > 0 else 1.0
     weaker = Quadratic(said.quadratic.information / excess**2, said.quadratic.pull / excess**2)
     return replace(
@@ -130,28 +196,25 @@ def solver_with(graph: FactorGraph, recorded: Geometry, measurements: AngleMeasu
         nothing = np.full(len(quadratic.pull), np.nan)
         if not np.isfinite(quadratic.information).all():
             return nothing
-        wanted = graph.joint(recorded, measurements, geometry, [quadratic])
         try:
-            return change_of(wanted)
-        except RuntimeError:  # how gtsam says that a system is indeterminate
+            return graph.joint(recorded, measurements, geometry, [quadratic]).change
+        except np.linalg.LinAlgError:
             return nothing
 
     return solve
 
 
-def moved_by(covariance: Floats, pull: Floats, layout: Layout) -> Floats:
-    """(n,) radians: how a pull (k,) moves the angles, the common angle taken out."""
+def moved_by(ended: Solved, pull: Floats, layout: Layout) -> Floats:
+    """(k,) the change that a pull (k,) makes, the common angle taken out."""
     # The graph does not hear it either: the factor that holds the first angle would answer.
-    heard = pull.copy()
-    heard[layout.angles] -= pull[layout.angles].mean()
-    moved = covariance[layout.angles] @ heard
-    return np.asarray(moved - moved.mean())
+    return without_turn(ended.moved_by(without_turn(pull, layout)), layout)
 
 
-def centred(covariance: Floats) -> Floats:
-    """(n, n) covariance of the angles after their mean was taken off."""
-    rows = covariance - covariance.mean(axis=0)
-    return np.asarray(rows - rows.mean(axis=1, keepdims=True))
+def uncertain(covariance: Floats) -> tuple[Floats, Floats]:
+    """(n,) variances of angles after their mean was taken off, and (n - 1,) of their steps."""
+    common, each = covariance.mean(axis=0), np.diag(covariance)
+    steps = each[1:] + each[:-1] - 2 * np.diag(covariance, 1)
+    return np.asarray(each - 2 * common + common.mean()), np.asarray(steps)
 
 
 def agree(first: Fused, second: Fused, tolerance: float) -> bool:

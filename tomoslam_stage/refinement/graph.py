@@ -41,6 +41,44 @@ def solve_once(graph: Any, count: int) -> Floats:
     return np.array([solution.at(key)[0] for key in range(count)])
 
 
+def solve_dense(information: Floats, pull: Floats) -> Floats:
+    """(v,) what a graph of one variable wants, all of whose entries hang together.
+
+    Parameters
+    ----------
+    information
+        (v, v), as a Hessian factor takes it.
+    pull
+        (v,)
+
+    Raises
+    ------
+    LinAlgError
+        If something is held by nothing.
+    """
+    import gtsam
+
+    graph, everything = gtsam.GaussianFactorGraph(), 0
+    graph.add(gtsam.HessianFactor(everything, information, pull, 0.0))
+    try:
+        return np.asarray(graph.optimize().at(everything))
+    except RuntimeError as indeterminate:
+        raise np.linalg.LinAlgError(str(indeterminate)) from None
+
+
+def normal_equations(graph: Any, count: int) -> tuple[Any, Floats]:
+    """(n, n) information of all `count` angles, sparse (COO), and their pull (n,)."""
+    from scipy.sparse import csr_matrix
+
+    # gtsam counts from 1, and only the keys that there are; what is wanted comes last.
+    *where, values = graph.sparseJacobian_()
+    rows, columns = (np.asarray(one, np.intp) - 1 for one in where)
+    entries = np.append(graph.keyVector(), count)[columns]
+    whole = csr_matrix((values, (rows, entries)), (rows.max() + 1, count + 1))
+    jacobian, wanted = whole[:, :count], whole[:, count].toarray()[:, 0]
+    return (jacobian.T @ jacobian).tocoo(), np.asarray(jacobian.T @ wanted)
+
+
 def marginal_sigma(graph: Any, count: int) -> Floats:
     """(n,) radians: one standard deviation of each angle, from the graph's marginals."""
     import gtsam

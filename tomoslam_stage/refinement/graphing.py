@@ -14,7 +14,8 @@ from tomoslam_stage.methods import FromTable, checked, method
 from tomoslam_stage.products import AngleMeasurements, Floats, Geometry, Quadratic, StageNoise
 from tomoslam_stage.refinement.factors import FACTORS, Encoder, Factor
 from tomoslam_stage.refinement.gate import Gate
-from tomoslam_stage.refinement.joint import Joint, joint_graph, stacked
+from tomoslam_stage.refinement.graph import linear_graph
+from tomoslam_stage.refinement.joint import Joint, Solved
 from tomoslam_stage.refinement.solve import Solution, Solver
 
 DOUBTED_DEG, HELD = 1.0, 1e6
@@ -76,18 +77,26 @@ class FactorGraph:
         measurements: AngleMeasurements,
         here: Geometry,
         quadratics: Sequence[Quadratic],
-    ) -> Joint:
-        """Return the graph, around `here`, of all factors and of sources tied to all angles.
+    ) -> Solved:
+        """Solve, around `here`, for all factors and for sources tied to all angles.
 
-        Ask it with `change_of` and `covariance_of`.
+        Raises
+        ------
+        LinAlgError
+            If something is held by nothing.
         """
-        rows = [
-            factor.chain(recorded.theta, here.theta)
-            if isinstance(factor, Encoder)
-            else stacked(factor.block(recorded.theta, measurements), here.theta)
-            for factor in self.factors.values()
-        ]
-        return joint_graph(rows, recorded, here, quadratics, self.shift_px)
+        joint, single = Joint.of(here.layout), {}
+        for name, factor in self.factors.items():
+            if isinstance(factor, Encoder) and factor.noise.jitter:
+                joint.hear_chain(*factor.chain(recorded.theta, here.theta))
+            else:
+                single[name] = factor.block(recorded.theta, measurements)
+        weights = {name: block.weights(here.theta) for name, block in single.items()}
+        joint.hear_graph(linear_graph(single, weights, here.theta))
+        joint.hold(recorded.since(here), self.shift_px)
+        for quadratic in quadratics:
+            joint.hear(quadratic)
+        return joint.solved()
 
     def informed(self, noise: StageNoise) -> FactorGraph:
         """Return the same with an encoder factor of this noise, where a pipeline gives no other."""

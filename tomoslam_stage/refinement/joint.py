@@ -1,130 +1,141 @@
-"""The factor graph of sources that speak about all angles at once.
+"""The graph of all that is known about the angles, axis, roll and shifts.
 
 A map, or features that were eliminated, tie every angle to every other: their information matrices
-are full. The graph then has few variables: all angles (key 0), the axis with its roll (key 1) and,
-where they are unknown, all shifts (key 2). Encoder, prior and CV factors act on the first, the
-sources on all of them. What is held is in none of them.
+are full. So is the Hessian factor that they and the factors on single angles add up to, on one
+variable, the change of everything. At 5000 projections such a matrix takes 200 MB: it is added up
+in place, and its covariance found in place.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tomoslam_stage.products import Quadratic
+from tomoslam_stage.refinement.graph import normal_equations, solve_dense
+from tomoslam_stage.symmetric import blocks, factorised, inverse, solved
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from tomoslam_stage.products import Floats, Integers, Layout, Quadratic
 
-    from tomoslam_stage.products import Floats, Geometry, Integers, Layout
-    from tomoslam_stage.refinement.factors import Block
-
-ANGLES, AXIS, SHIFTS = 0, 1, 2
-"""Keys of the variables: changes of all angles, radians; of the axis, px, and roll, radians; of all
-shifts, px."""
 AXIS_SIGMA_PX, ROLL_SIGMA_DEG = 0.5, 0.3
 """How far the axis may lie from where the recorded angles put it, and how far it may lean."""
 
 
-Rows: TypeAlias = tuple["Floats", "Floats"]
-"""Whitened Jacobian (m, n) by the angles, and what is wanted of their change (m,)."""
+@dataclass(frozen=True)
+class Joint:
+    """What everything heard so far says about a change of the geometry."""
+
+    layout: Layout
+    """Of changes."""
+    information: Floats
+    """(k, k), added to in place."""
+    pull: Floats
+    """(k,), added to in place."""
+
+    @classmethod
+    def of(cls, layout: Layout) -> Joint:
+        """Begin with nothing."""
+        return cls(layout, np.zeros((layout.size,) * 2), np.zeros(layout.size))
+
+    def hear_graph(self, graph: Any) -> None:
+        """Add the factors of a `gtsam.GaussianFactorGraph` on corrections of single angles."""
+        information, pull = normal_equations(graph, self.layout.n)
+        self.information[information.row, information.col] += information.data
+        self.pull[self.layout.angles] += pull
+
+    def hear_chain(self, covariance: Floats, wanted: Floats) -> None:
+        """Add what steps whose errors hang together say.
+
+        Parameters
+        ----------
+        covariance
+            (2, n - 1) radians squared: of the steps, and of each with the next.
+        wanted
+            (n - 1,) radians: change of each step.
+        """
+        from scipy.linalg import cho_solve_banded, cholesky_banded
+
+        n, root = self.layout.n, (cholesky_banded(covariance, lower=True), True)
+        for columns in blocks(n):
+            step, angle = np.arange(n - 1)[:, None], np.arange(n)[columns]
+            differences = (angle == step + 1) - (angle == step).astype(np.float64)
+            weighed = cho_solve_banded(root, differences, overwrite_b=True, check_finite=False)
+            self.information[: n - 1, columns] -= weighed
+            self.information[1:n, columns] += weighed
+        weighed = cho_solve_banded(root, wanted)
+        self.pull[: n - 1] -= weighed
+        self.pull[1:n] += weighed
+
+    def hold(self, back: Floats, shift_px: float) -> None:
+        """Hold axis, roll and shifts loosely where a change `back` (k,) leads to.
+
+        Shifts are those of a sample that jitters by `shift_px`, which holds what nobody sees of
+        them: a common one is the axis, one round the turn a place of the whole sample.
+        """
+        sigma = np.full(self.layout.size, shift_px)
+        sigma[self.layout.line] = AXIS_SIGMA_PX, np.deg2rad(ROLL_SIGMA_DEG)
+        some = np.arange(self.layout.n, self.layout.size)
+        self.information[some, some] += sigma[some] ** -2
+        self.pull[some] += back[some] / sigma[some] ** 2
+
+    def hear(self, quadratic: Quadratic) -> None:
+        """Add what a source says, but for a turn of all angles together: nobody sees that."""
+        angles, said = self.layout.angles, quadratic.information
+        self.information[:] += said
+        by_row = said[angles].mean(axis=0)
+        by_column = said[:, angles].mean(axis=1)
+        by_column[angles] -= by_row[angles].mean()
+        self.information[angles] -= by_row
+        self.information[:, angles] -= by_column[:, None]
+        self.pull[:] += without_turn(quadratic.pull, self.layout)
+
+    def solved(self) -> Solved:
+        """Solve for what is wanted most; what was heard is used up.
+
+        Raises
+        ------
+        LinAlgError
+            If something is held by nothing, or is no number.
+        """
+        free = self.layout.free(slice(0, self.layout.size))
+        information = self.information
+        if len(free) < self.layout.size:
+            information = information[np.ix_(free, free)]
+        change = np.zeros(self.layout.size)
+        change[free] = solve_dense(information, self.pull[free])
+        return Solved(free, information, change)
 
 
 @dataclass(frozen=True)
-class Joint:
-    """The graph, and which entries of a change its variables are."""
+class Solved:
+    """The answer to all that was heard."""
 
-    graph: Any
-    """The `gtsam.GaussianFactorGraph`."""
-    layout: Layout
-    """Of changes."""
-    variables: Mapping[int, Integers]
-    """By key: (v,) numbers of the entries of a change."""
+    free: Integers
+    """(v,) numbers of those that are not held."""
+    information: Floats
+    """(v, v) used up by `root`."""
+    change: Floats
+    """(k,) that is wanted most; none of what is held."""
 
+    @cached_property
+    def root(self) -> Floats:
+        """(v, v) of the information, see `symmetric.factorised`."""
+        return factorised(self.information)
 
-def joint_graph(
-    rows: Sequence[Rows],
-    recorded: Geometry,
-    here: Geometry,
-    quadratics: Sequence[Quadratic],
-    shift_px: float,
-) -> Joint:
-    """Return the graph on changes of the geometry `here`.
+    def moved_by(self, pull: Floats) -> Floats:
+        """(k,) the change that a further `pull` (k,) would make."""
+        change = np.zeros(len(pull))
+        change[self.free] = solved(self.root, pull[self.free])
+        return change
 
-    `rows` are the factors on the angles alone. The recorded axis holds the axis loosely, and the
-    roll is small; shifts are those of a sample that jitters by `shift_px`, which holds what nobody
-    sees of them: a common one is the axis, one round the turn a place of the whole sample.
-    """
-    import gtsam
-
-    graph, layout = gtsam.GaussianFactorGraph(), here.layout
-    for jacobian, right in rows:
-        if len(right):
-            unit = gtsam.noiseModel.Unit.Create(len(right))
-            graph.add(gtsam.JacobianFactor(ANGLES, jacobian, right, unit))
-    entries = {ANGLES: layout.angles, AXIS: layout.line, SHIFTS: layout.shifts}
-    free = {key: layout.free(some) for key, some in entries.items()}
-    variables = {key: some for key, some in free.items() if len(some)}
-    sigmas = np.full(layout.size, shift_px)
-    sigmas[layout.line] = AXIS_SIGMA_PX, np.deg2rad(ROLL_SIGMA_DEG)
-    back = recorded.since(here)
-    for key, some in variables.items():
-        if key != ANGLES:
-            loose = gtsam.noiseModel.Diagonal.Sigmas(sigmas[some])
-            graph.add(gtsam.JacobianFactor(key, np.eye(len(some)), back[some], loose))
-    factor: Any = gtsam.HessianFactor
-    for quadratic in quadratics:
-        parts = in_parts(without_common_angle(quadratic, layout), list(variables.values()))
-        graph.add(factor(*variables, *parts, 0))
-    return Joint(graph, layout, variables)
+    def covariance(self) -> Floats:
+        """(v, v) of what is free; the last that can be asked, as `root` is used up."""
+        return inverse(self.root)
 
 
-def stacked(block: Block, theta: Floats) -> Rows:
-    """Put all factors of a block below each other, robustly weighted at `theta` (n,)."""
-    root = np.sqrt(block.weights(theta))[:, None, None] * block.whitening
-    parts = root @ block.jacobian  # (f, d, k)
-    factors, dimensions, _ = parts.shape
-    jacobian = np.zeros((factors, dimensions, len(theta)))
-    which = np.arange(factors)[:, None, None], np.arange(dimensions)[None, :, None]
-    np.add.at(jacobian, (*which, block.projections[:, None, :]), parts)
-    right = -np.einsum("fij,fj->fi", root, block.residuals(theta))
-    return jacobian.reshape(-1, len(theta)), right.ravel()
-
-
-def without_common_angle(quadratic: Quadratic, layout: Layout) -> Quadratic:
-    """Take out what a source seems to say about a turn of all angles together: nobody sees it."""
-    angles = layout.angles
-    information, pull = quadratic.information.copy(), quadratic.pull.copy()
-    information[angles] -= information[angles].mean(axis=0)
-    information[:, angles] -= information[:, angles].mean(axis=1, keepdims=True)
-    pull[angles] -= pull[angles].mean()
-    return Quadratic(information, pull)
-
-
-def in_parts(quadratic: Quadratic, variables: Sequence[Integers]) -> list[Floats]:
-    """Cut a quadratic as gtsam's Hessian factor takes it: G11, G12, ..., g1, G22, ..., g2, ..."""
-    parts = []
-    for number, some in enumerate(variables):
-        parts += [quadratic.information[np.ix_(some, other)] for other in variables[number:]]
-        parts.append(quadratic.pull[some])
-    return parts
-
-
-def change_of(joint: Joint) -> Floats:
-    """(k,) the change that the graph wants most; none of what is held."""
-    solution = joint.graph.optimize()
-    change = np.zeros(joint.layout.size)
-    for key, some in joint.variables.items():
-        change[some] = solution.at(key)
-    return change
-
-
-def covariance_of(joint: Joint) -> Floats:
-    """(k, k) of the change that the graph wants; zeros of what is held."""
-    hessian, _ = joint.graph.hessian()
-    covariance = np.zeros((joint.layout.size,) * 2)
-    some = np.concatenate(list(joint.variables.values()))
-    covariance[np.ix_(some, some)] = np.linalg.inv(hessian)
-    return covariance
+def without_turn(entries: Floats, layout: Layout) -> Floats:
+    """(k,) a change, or a pull, without what turns all angles together."""
+    return np.append(entries[layout.angles] - entries[layout.angles].mean(), entries[layout.n :])

@@ -19,11 +19,13 @@ from tomoslam_stage.methods import method
 from tomoslam_stage.parallel import on_one_thread
 from tomoslam_stage.products import Features, Floats, Geometry, Quadratic
 from tomoslam_stage.refinement.elimination import eliminated
-from tomoslam_stage.refinement.leaning import with_rows
+from tomoslam_stage.refinement.leaning import hear_rows
 from tomoslam_stage.refinement.sightings import Sightings
 from tomoslam_stage.refinement.weighing import Weighing
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tomoslam_stage.products import Solve, Tracks
 
 FIRST_ROUNDS = 3
@@ -36,8 +38,9 @@ class Adjusted:
 
     geometry: Geometry
     """Where the projections look from."""
-    quadratic: Quadratic
-    """What the sightings say about changes of `geometry`, every feature free to move along."""
+    quadratic: Callable[[], Quadratic]
+    """What the sightings say about changes of `geometry`, every feature free to move along; worked
+    out where it is asked for, as it takes much memory."""
     features: Features
     """Where the features lie, in the order of their numbers."""
     residuals: Floats
@@ -88,14 +91,26 @@ class Landmarks:
         geometry = start
         for _ in range(self.rounds):
             weights = weighing.weights(sightings.residuals(geometry, position), weights)
-            step = eliminated(sightings, geometry, position, weights)
-            change = solve(geometry, with_rows(step.quadratic, sightings, geometry, self))
+            change, moves = self._step(sightings, geometry, (position, weights), solve)
             if not np.isfinite(change).all():
                 break
-            geometry, position = geometry.moved(change), position + step.moves(change)
+            geometry, position = geometry.moved(change), position + moves
             if np.abs(change[geometry.layout.angles]).max() < np.deg2rad(self.settled_deg):
                 break
         return self._adjusted(sightings, geometry, position, weights)
+
+    def _step(
+        self,
+        sightings: Sightings,
+        geometry: Geometry,
+        placed: tuple[Floats, Floats],
+        solve: Solve,
+    ) -> tuple[Floats, Floats]:
+        """(k,) the change of the geometry, and (f, 2) px how features move along with it."""
+        step = eliminated(sightings, geometry, *placed)
+        hear_rows(step.quadratic, sightings, geometry, self)
+        change = solve(geometry, step.quadratic)
+        return change, step.moves(change)
 
     def _adjusted(
         self, sightings: Sightings, geometry: Geometry, position: Floats, weights: Floats
@@ -103,11 +118,16 @@ class Landmarks:
         residuals = sightings.residuals(geometry, position)
         scale = robust_scale(residuals)
         inflation = correlation(sightings, residuals * np.sqrt(weights), self.correlated)
-        columns = eliminated(sightings, geometry, position, weights / inflation).quadratic
         in_order = np.argsort(sightings.order)
+
+        def quadratic() -> Quadratic:
+            said = eliminated(sightings, geometry, position, weights / inflation).quadratic
+            hear_rows(said, sightings, geometry, self, inflation)
+            return said
+
         return Adjusted(
             geometry=geometry,
-            quadratic=with_rows(columns, sightings, geometry, self, inflation),
+            quadratic=quadratic,
             features=sightings.features(geometry, position, (weights, scale)),
             residuals=residuals[in_order],
             weights=weights[in_order],
@@ -132,7 +152,10 @@ def nothing_seen(geometry: Geometry) -> Adjusted:
     size = geometry.layout.size
     none = np.empty(0)
     features = Features(np.empty((0, 2)), np.empty((0, 2, 2)), none, none, 0.0)
-    silent = Quadratic(np.zeros((size, size)), np.zeros(size))
+
+    def silent() -> Quadratic:
+        return Quadratic(np.zeros((size, size)), np.zeros(size))
+
     return Adjusted(geometry, silent, features, none, none, scale=0.0, inflation=1.0)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,14 +15,14 @@ if TYPE_CHECKING:
     from tomoslam_stage.refinement.weighing import Strictness
 
 
-def with_rows(
+def hear_rows(
     columns: Quadratic,
     sightings: Sightings,
     geometry: Geometry,
     strictness: Strictness,
     inflation: float = 1.0,
-) -> Quadratic:
-    """Add to what the columns of sightings say what their rows say.
+) -> None:
+    """Add what the rows of sightings say to what their `columns` say, in place.
 
     The row Y of each feature on the axis is eliminated. Columns hardly tell a roll from places and
     angles that suit it; rows do, and hold it. `inflation` is that of the variances.
@@ -35,8 +34,6 @@ def with_rows(
     off = level - sightings.means(level, everyone)[sightings.feature]
     sigma = max(robust_scale(off), strictness.floor)
     weights = geman_mcclure(off, sigma, strictness.grip) / inflation
-    information, pull = columns.information.copy(), columns.pull.copy()
     roll = geometry.layout.roll
-    information[roll, roll] += np.sum(weights * u**2)
-    pull[roll] -= np.sum(weights * u * off)
-    return replace(columns, information=information, pull=pull)
+    columns.information[roll, roll] += np.sum(weights * u**2)
+    columns.pull[roll] -= np.sum(weights * u * off)

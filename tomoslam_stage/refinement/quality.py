@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tomoslam_stage.geometry import within_turn
+
 if TYPE_CHECKING:
     from tomoslam_stage.products import Floats
     from tomoslam_stage.refinement.sightings import Sightings
@@ -73,8 +75,7 @@ def usual_row(sightings: Sightings) -> Floats:
 
 def _support(sightings: Sightings, theta: Floats) -> Floats:
     """(s,) other sightings of the same feature from nearby angles."""
-    turn = 2 * np.pi
-    place = np.mod(theta, turn)
+    place = within_turn(theta)
     # The mean gap: where turns are repeated, the usual one may be none at all.
     reach = SUPPORT_STEPS * float(np.ptp(place)) / max(len(theta) - 1, 1)
     # Features lie further apart on this line than any two angles do.

@@ -69,12 +69,7 @@ def usual_steps(correction: Floats) -> Floats:
     return np.asarray(np.clip(steps, middle - reach, middle + reach))
 
 
-def step_covariance(covariance: Floats) -> Floats:
-    """(n - 1, n - 1) of the steps, from that of the angles (n, n)."""
-    return np.asarray(np.diff(np.diff(covariance, axis=0), axis=1))
-
-
-def lapses(recorded: Floats, correction: Floats, covariance: Floats) -> tuple[Event, ...]:
+def lapses(recorded: Floats, correction: Floats, variances: Floats) -> tuple[Event, ...]:
     """Name the steps whose error is far outside the noise of the stage and of its measurement.
 
     Parameters
@@ -83,12 +78,12 @@ def lapses(recorded: Floats, correction: Floats, covariance: Floats) -> tuple[Ev
         (n,) radians.
     correction
         (n,) radians, refined minus recorded.
-    covariance
-        (n, n) of the refined angles, radians squared.
+    variances
+        (n - 1,) of the refined steps, radians squared.
     """
     errors = np.diff(correction)
-    unknown = np.maximum(np.diag(step_covariance(covariance)), 0)
-    spread = np.maximum(np.sqrt(robust_sigma(errors) ** 2 + unknown), np.deg2rad(LEAST_DEG))
+    unknown = robust_sigma(errors) ** 2 + np.maximum(variances, 0)
+    spread = np.maximum(np.sqrt(unknown), np.deg2rad(LEAST_DEG))
     significance = np.abs(errors - np.median(errors)) / spread
     large = np.abs(np.degrees(errors)) >= LEAST_LAPSE_DEG
     steps = np.diff(recorded)

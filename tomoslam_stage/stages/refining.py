@@ -71,10 +71,9 @@ class Unused:
         self.axes["refined"] = self.axes["recorded"]
         self.squares["refined"] = self.squares["recorded"]
 
-    def shift_in(self, scan: Scan, geometry: Geometry) -> Floats | None:
-        """(n,) px of `scan`: the shifts of `geometry`; None where they are known."""
-        px = self.scan.binning / scan.binning
-        return px * geometry.shift if "shift" in geometry.unknowns else None
+    def shift_in(self, scan: Scan, shift: Floats | None) -> Floats | None:
+        """(n,) px of `scan`: `shift` (n,) in px of these rows; None where they are known."""
+        return None if shift is None else self.scan.binning / scan.binning * shift
 
     def told_in(self, scan: Scan) -> dict[str, Any]:
         """Return the fields of a `Refinement` that tell about these rows, in px of `scan`."""
@@ -311,7 +310,8 @@ class RefineTheta:
             events=outcome.events if verdict.status == "accepted" else (),
             roll=fused.geometry.roll,
             unknowns=self.unknowns,
-            shift=unused.shift_in(scan, fused.geometry),
+            shift=unused.shift_in(scan, fused.shift),
+            shift_sigma=unused.shift_in(scan, fused.shift_sigma),
             stage_noise=outcome.noise,
             histograms=outcome.histograms,
             **unused.told_in(scan),

@@ -175,7 +175,7 @@ class Sources:
         heard.counts |= counted(whole.tracks)
         heard.histograms |= drawn(whole)
         heard.tracks = whole.tracks
-        ended, quadratic = whole.adjusted.geometry, whole.adjusted.quadratic
+        ended, quadratic = whole.adjusted.geometry, whole.adjusted.quadratic()
         ends = [landmarks.adjust(half, ended, solve) for half in parts]
         apart = ends[0].geometry.since(ends[1].geometry)
         heard.said[FEATURES] = Said(
@@ -224,13 +224,17 @@ class Sources:
         }
         chosen = self.choice.of(alone, heard.excess, heard.squares, recorded.theta)
         notes = {**heard.notes, **chosen}
+        # What they said takes much memory, and is not asked for again.
         used = [
-            honest(heard.said[name], alone[name]) for name, note in chosen.items() if note == USED
+            honest(heard.said.pop(name), alone[name])
+            for name, note in chosen.items()
+            if note == USED
         ]
         if not used:
             return Outcome(None, notes, **heard.for_report())
         joint, noise = self._with_noise(used, recorded, measurements)
-        events = lapses(recorded.theta, joint.geometry.theta - recorded.theta, joint.covariance)
+        correction = joint.geometry.theta - recorded.theta
+        events = lapses(recorded.theta, correction, joint.step_variances)
         return Outcome(joint, notes, events, noise, **heard.for_report())
 
     def _with_noise(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tomoslam_stage.geometry import TURN, around, partners, wrapped
+from tomoslam_stage.geometry import TURN, around, partners, within_turn, wrapped
 from tomoslam_stage.products import Tracks
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def neighbours(theta: Floats, away: int) -> Integers:
     angles in different turns, say nothing about that.
     """
     order = around(theta)
-    place = np.mod(theta, TURN)[order]
+    place = within_turn(theta)[order]
     one, step = (np.mod(np.roll(place, -further) - place, TURN) for further in (1, away))
     near = step <= 3 * away * max(float(np.quantile(one, 0.9, method="lower")), 1e-6)
     pairs = np.stack([order, np.roll(order, -away)], axis=1)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from tomoslam_stage.products import Floats, Integers, Pixels, Tracks
     from tomoslam_stage.tracks.detectors import Descriptors, Keypoints
 
+PAIRS = 1 << 15
+"""Pairs of descriptors compared at once: all pairs of a long scan would take gigabytes."""
 ALONE = 0.8
 """Distance of descriptors said of a sighting that has no neighbour to be compared with."""
 
@@ -97,11 +99,15 @@ class KeypointTable:
 
         Where `far` (p,) holds, the second is seen from the far side, in the mirror.
         """
-        one, other = self._exact(first), self._exact(second)
-        if far is not None:
-            other[far] = self.mirrored(other[far])
-        products = np.einsum("pd,pd->p", one, other)
-        return np.asarray(np.sqrt(np.maximum(2 - 2 * products, 0)), np.float64)
+        distance = np.empty(len(first))
+        for start in range(0, len(first), PAIRS):
+            some = slice(start, start + PAIRS)
+            one, other = self._exact(first[some]), self._exact(second[some])
+            if far is not None:
+                other[far[some]] = self.mirrored(other[far[some]])
+            products = np.einsum("pd,pd->p", one, other)
+            distance[some] = np.sqrt(np.maximum(2 - 2 * products, 0))
+        return distance
 
     def _exact(self, keypoint: Integers) -> Pixels:
         """(p, d) descriptors in single precision; each is converted once, which takes longest."""

@@ -54,7 +54,7 @@ class Encoder:
         )
 
     def chain(self, recorded: Floats, theta: Floats) -> tuple[Floats, Floats]:
-        """Whiten all steps together: neighbours err against each other where angles jitter.
+        """Take all steps together: neighbours err against each other where angles jitter.
 
         Parameters
         ----------
@@ -63,16 +63,11 @@ class Encoder:
 
         Returns
         -------
-        Jacobian (n - 1, n) by the angles, and what the steps want to change (n - 1,), both in
-        standard deviations. A step that is far off has its variance raised (Cauchy).
+        Covariance (2, n - 1), radians squared, of the steps and of each with the next, and by how
+        much they want to change (n - 1,), radians. A step that is far off has its variance raised
+        (Cauchy).
         """
-        from scipy.linalg import cholesky_banded, solve_banded
-
         errors, noise = np.diff(theta - recorded), self.noise
         usual = noise.step**2
         raised = usual * (1 + errors**2 / (self.robust**2 * usual))
-        bands = np.stack([raised, np.full(len(raised), -(noise.jitter**2))])
-        root = cholesky_banded(bands, lower=True)
-        differences = np.diff(np.eye(len(theta)), axis=0)
-        whitened = solve_banded((1, 0), root, np.column_stack([differences, -errors]))
-        return whitened[:, :-1], whitened[:, -1]
+        return np.stack([raised, np.full(len(raised), -(noise.jitter**2))]), -errors
