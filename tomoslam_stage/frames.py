@@ -54,7 +54,7 @@ def of_all_frames(
 def shift_in_file(scan: Scan, shift: Floats) -> Floats:
     """(m,) px of the detector, one for every frame; NaN for those that were left out.
 
-    `shift` (n,) is that of the projections of `scan`, in its px.
+    `shift` (n,) is that of the projections of `scan`, in its px, or its sigma.
     """
     px = scan.binning * shift
     if scan.theta_of_frames is None:

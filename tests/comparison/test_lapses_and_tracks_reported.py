@@ -84,7 +84,13 @@ def test_the_report_tells_sources_events_and_stage_in_plain_values(by_sources: F
         {"projection": 40, "size_deg": -1.5, "significance": 31.0, "kind": "lost step"}
     ]
     assert made["stage"] == pytest.approx(
-        {"walk_deg": 0.05, "jitter_deg": 0.0123, "roll_deg": 0.0984, "shift_px": None}
+        {
+            "walk_deg": 0.05,
+            "jitter_deg": 0.0123,
+            "roll_deg": 0.0984,
+            "shift_px": None,
+            "shift_sigma_px": None,
+        }
     )
 
 
@@ -114,10 +120,14 @@ def test_shifts_of_projections_are_told_in_px_of_the_file(
     by_sources: Findings, tmp_path: Path
 ) -> None:
     shift = np.tile([0.2, -0.2], len(by_sources.refinement.recorded) // 2)
-    jittered = changed(by_sources, shift=shift, unknowns=("theta", "axis", "shift"))
+    sigma = np.full(len(shift), 0.03)
+    jittered = changed(
+        by_sources, shift=shift, shift_sigma=sigma, unknowns=("theta", "axis", "shift")
+    )
     jittered = replace(jittered, scan=replace(jittered.scan, binning=2))
     made = report(jittered, Run())
     assert made["stage"]["shift_px"] == pytest.approx(0.4)
+    assert made["stage"]["shift_sigma_px"] == pytest.approx(0.06)
     assert made["stage"]["roll_deg"] is None
     assert "together with the angles: axis, shift; held: roll; a shift of all" in made["gauge"]
     assert "projections shifted by 0.4 px rms" in words(jittered)

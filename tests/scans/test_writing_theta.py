@@ -79,13 +79,15 @@ def test_refined_angles_are_written_and_the_recorded_ones_renamed(scan_file):
 
 def test_shifts_are_noted_with_the_parameters_and_go_with_a_run_that_has_none(scan_file):
     shift = np.linspace(-0.5, 0.5, 24)
-    write_theta(scan_file, REFINED, SIGMA, replace(RECORD, shift_px=shift))
+    sigma = np.full(24, 0.02)
+    write_theta(scan_file, REFINED, SIGMA, replace(RECORD, shift_px=shift, shift_sigma_px=sigma))
     noted = contents(scan_file)
     place = "process/tomoslam_stage/shift_px"
     assert noted[place] == ("float64", shift.tolist(), {"units": "pixel"})
+    assert noted["process/tomoslam_stage/shift_sigma_px"][1] == sigma.tolist()
     write_theta(scan_file, REFINED, SIGMA, RECORD)
     again = contents(scan_file)
-    assert place not in again
+    assert {place, "process/tomoslam_stage/shift_sigma_px"}.isdisjoint(again)
     names = {name for name in again if name.startswith("exchange/")}
     assert names == {name for name in noted if name.startswith("exchange/")}
 

@@ -85,6 +85,8 @@ def test_shifts_are_told_in_the_report_and_go_where_provenance_goes(
         noted = file["/process/tomoslam_stage/shift_px"]
         np.testing.assert_array_equal(noted[()], found.shift)
         assert noted.attrs["units"] == "pixel"
+        sigma = file["/process/tomoslam_stage/shift_sigma_px"]
+        np.testing.assert_array_equal(sigma[()], found.shift_sigma)
         assert set(file["/exchange"]) & {"shift", "shift_px"} == set()
 
 

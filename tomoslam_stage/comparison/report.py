@@ -149,13 +149,14 @@ def change_facts(prefix: str, change: Floats) -> dict[str, float]:
 
 def stage_facts(refinement: Refinement, binning: int) -> dict[str, float | None]:
     """Tell how the rotation stage errs, how its axis is tilted, and how the sample moved on it."""
-    noise, shift = refinement.stage_noise, refinement.shift
+    noise, shift, sigma = refinement.stage_noise, refinement.shift, refinement.shift_sigma
     rolled = "used" in refinement.sources.values() and "roll" in refinement.unknowns
     return {
         "walk_deg": None if noise is None else math.degrees(noise.walk),
         "jitter_deg": None if noise is None else math.degrees(noise.jitter),
         "roll_deg": math.degrees(refinement.roll) if rolled else None,
         "shift_px": None if shift is None else float(np.std(shift)) * binning,
+        "shift_sigma_px": None if sigma is None else float(np.median(sigma)) * binning,
     }
 
 

@@ -142,7 +142,9 @@ def stage(facts: Mapping[str, float | None]) -> str:
     if facts["roll_deg"] is not None:
         said.append(f"roll of the axis {facts['roll_deg']:z.3f} deg")
     if facts["shift_px"] is not None:
-        said.append(f"projections shifted by {number(facts['shift_px'], 2)} px rms")
+        sigma = "" if facts["shift_sigma_px"] is None else number(facts["shift_sigma_px"], 2)
+        known = sigma and f" (median sigma {sigma})"
+        said.append(f"projections shifted by {number(facts['shift_px'], 2)} px rms{known}")
     return "; ".join(said)
 
 

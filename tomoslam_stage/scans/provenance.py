@@ -41,12 +41,15 @@ class ProcessRecord:
     """One line for the table."""
     shift_px: Floats | None = None
     """(n,) px of the detector that each projection lies to the right, where some were found to."""
+    shift_sigma_px: Floats | None = None
+    """(n,) px of the detector: one standard deviation of `shift_px`."""
 
 
 def write_actor(file: File, actor: str, record: ProcessRecord) -> None:
     """Write parameters and versions, as JSON for programs and one by one for readers; shifts."""
     group = file.require_group(actor)
-    for name in ("parameters", "versions", "settings", "shift_px"):
+    shifts = {"shift_px": record.shift_px, "shift_sigma_px": record.shift_sigma_px}
+    for name in ("parameters", "versions", "settings", *shifts):
         if name in group:
             del group[name]
     group["parameters"] = json.dumps(record.parameters, default=str, sort_keys=True)
@@ -54,9 +57,10 @@ def write_actor(file: File, actor: str, record: ProcessRecord) -> None:
     settings = group.create_group("settings")
     for name, value in _leaves(record.parameters):
         settings[name] = value
-    if record.shift_px is not None:
-        group["shift_px"] = record.shift_px
-        group["shift_px"].attrs["units"] = "pixel"
+    for name, values in shifts.items():
+        if values is not None:
+            group[name] = values
+            group[name].attrs["units"] = "pixel"
     group.attrs["start_time"], group.attrs["end_time"] = record.started, record.ended
 
 

@@ -39,12 +39,17 @@ class WriteTheta:
         if work.dry_run:
             log.info("%s: dry run, nothing written", scan.name)
             return {}
+        shift, shift_sigma = (
+            None if some is None else shift_in_file(scan, some)
+            for some in (refinement.shift, refinement.shift_sigma)
+        )
         record = scans.ProcessRecord(
             parameters={"pipeline": work.pipeline},
             versions={name: version or "" for name, version in versions().items()},
             started=work.started,
             message=refinement.reason,
-            shift_px=None if refinement.shift is None else shift_in_file(scan, refinement.shift),
+            shift_px=shift,
+            shift_sigma_px=shift_sigma,
         )
         refined, sigma = of_all_frames(
             scan, refinement.refined, refinement.sigma, refinement.stage_noise
