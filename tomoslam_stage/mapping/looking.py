@@ -57,6 +57,8 @@ class Look:
     """(r,) px that each row lies below the one where the axis is at its column."""
     mixed: Floats
     """(n,) curvature by the angle and the shift of a projection, were the map to stay."""
+    noise_left: float = 1.0
+    """Share of the noise's variance that the rows show, as they were smoothed."""
 
     @property
     def pull(self) -> Floats:
@@ -82,6 +84,8 @@ class Observed:
     """Of the total variation, in standard deviations of a slice."""
     blur: float = 0.0
     """Px of the scan: that of the intensities, which was mended."""
+    noise_left: float = 1.0
+    """Share of the noise's variance that smoothing over rows left."""
 
     def part(self, count: int) -> Observed:
         """About `count` of the rows, evenly spread."""
@@ -110,7 +114,7 @@ class Observed:
         pulls[:, layout.line] = np.column_stack([axis, axis * heights])
         conditional[layout.line] = squares.sum(), (squares * heights**2).sum()
         mixed = answers.products.sum(axis=0) / self.binning
-        return Look(pulls, conditional, answers.squares, heights, mixed)
+        return Look(pulls, conditional, answers.squares, heights, mixed, self.noise_left)
 
     def left_out(self, geometry: Geometry) -> float:
         """Mean squared error of predicting every other projection from the rest."""

@@ -187,7 +187,7 @@ class Mapping:
             place.geometry,
             said.quadratic,
             said.pulls[: len(rows.rows)],
-            float(misfits(look.squares, place.geometry.theta).max()),
+            float(misfits(look, place.geometry.theta).max()),
             look.squares,
             said.pulls[len(rows.rows) :],
             rows.rows,

@@ -13,12 +13,14 @@ from tomoslam_stage.parallel import parallel
 from tomoslam_stage.reprojection import binned
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from tomoslam_stage.products import Geometry, Integers, Pixels, Scan
 
 TOGETHER = 8
 """Projections read at a time."""
+SMOOTHING, ALONE = {-1: 0.25, 0: 0.5, 1: 0.25}, {0: 1.0}
+"""Weights of a row and its neighbours, by how far below they are."""
 USUAL = 0.02
 """Strength of the map's prior while the blur is looked for."""
 
@@ -43,35 +45,36 @@ class Reading:
 
         A row is smoothed over its neighbours where these are not read for themselves.
         """
-        smooth = 2 * len(rows) <= len(self.usable)
-        sinograms = self._mended(rows, blur, smooth) if blur else self._read(rows, smooth)
+        weights = SMOOTHING if 2 * len(rows) <= len(self.usable) else ALONE
+        sinograms = self._mended(rows, blur, weights) if blur else self._read(rows, weights)
         extent = self.wide if truncated(sinograms) else 1.0
-        return Observed(sinograms, rows, self.binning, self.cutoff, extent, blur=blur)
+        left = float(np.square(list(weights.values())).sum())
+        return Observed(
+            sinograms, rows, self.binning, self.cutoff, extent, blur=blur, noise_left=left
+        )
 
-    def _read(self, rows: Integers, smooth: bool) -> Pixels:
+    def _read(self, rows: Integers, weights: Mapping[int, float]) -> Pixels:
         """(r, n, column) as recorded."""
-        near = self._near(rows, smooth)
-        needed, where = np.unique(near, return_inverse=True)
+        near = {away: self._instead(rows + away) for away in weights}
+        needed = np.unique(list(near.values()))
         sinograms = binned(self.scan.sinograms(needed), self.binning)
-        return averaged([sinograms[each] for each in where.reshape(near.shape)])
+        parts = (w * sinograms[np.searchsorted(needed, near[away])] for away, w in weights.items())
+        return np.asarray(sum(parts), np.float32)
 
-    def _mended(self, rows: Integers, blur: float, smooth: bool) -> Pixels:
+    def _mended(self, rows: Integers, blur: float, weights: Mapping[int, float]) -> Pixels:
         """(r, n, column) with what the blur hides, found from whole projections."""
         source, everyone = self.scan.source, np.arange(self.scan.n_rows)
-        near, instead = self._near(rows, smooth), self._instead(everyone)
+        instead = self._instead(everyone)
 
         def some(projections: Integers) -> Pixels:
             images = source.read(projections, everyone)[:, instead]
             images += hidden(images, blur)
-            return binned(averaged([images[:, each] for each in near]), self.binning)
+            parts = (w * images[:, self._instead(rows + away)] for away, w in weights.items())
+            return binned(np.asarray(sum(parts), np.float32), self.binning)
 
         starts = range(0, self.scan.n_projections, TOGETHER)
         blocks = [np.arange(s, min(s + TOGETHER, self.scan.n_projections)) for s in starts]
         return np.concatenate(list(parallel(some, blocks))).transpose(1, 0, 2).copy()
-
-    def _near(self, rows: Integers, smooth: bool) -> Integers:
-        """(k, r) rows whose mean stands for each of `rows`."""
-        return self._instead(rows + np.array([-1, 0, 0, 1] if smooth else [0])[:, None])
 
     def _instead(self, rows: Integers) -> Integers:
         """(...) the usable rows that are nearest to `rows`."""
@@ -86,8 +89,3 @@ def likeliest(
     tried = ((blur, replace(reading.observed(rows, blur), strength=USUAL)) for blur in blurs)
     errors = left_out_errors(geometry, tried, 1.02)
     return min(errors, key=lambda blur: errors[blur])
-
-
-def averaged(parts: list[Pixels]) -> Pixels:
-    """Return the mean of `parts`, which are alike."""
-    return np.asarray(sum(parts[1:], parts[0]) / np.float32(len(parts)), np.float32)

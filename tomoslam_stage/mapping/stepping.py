@@ -46,7 +46,7 @@ def weighed(place: Place, misfit: float | None, pulls: Floats | None = None) -> 
     layout, look = place.geometry.layout, place.look
     factors = np.ones(layout.size)
     if misfit is not None:
-        factors = doubts(look.squares, place.geometry, misfit)
+        factors = doubts(look, place.geometry, misfit)
     variance = noise(look, place.curvature) * factors
     asked = look.pull[None] if pulls is None else np.vstack([look.pull, pulls])
     information, told = whitened(place.curvature, variance, asked)

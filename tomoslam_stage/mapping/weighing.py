@@ -21,18 +21,19 @@ LEAST_SCATTER = 1e-3
 """Of the mean squared residual: what rows that agree better than noise would let them count as."""
 
 
-def misfits(squares: Floats, theta: Floats) -> Floats:
+def misfits(look: Look, theta: Floats) -> Floats:
     """(n,) residuals of the projections in medians, but for single ones that stand out.
 
-    `squares` (r, n) are mean squared residuals; the median of three goes round the turn.
+    The median of three goes round the turn. Rows that were smoothed show what does not fit above
+    less noise; it is told as rows would show it that were not.
     """
     from scipy.ndimage import median_filter
 
     order = around(theta)
-    of_all = squares.mean(axis=0)
+    of_all = look.squares.mean(axis=0)
     smooth = np.empty_like(of_all)
     smooth[order] = median_filter(of_all[order], 3, mode="nearest")
-    return np.asarray(smooth / np.median(smooth))
+    return np.asarray(1 + look.noise_left * (smooth / np.median(smooth) - 1))
 
 
 def noise(look: Look, curvature: Floats) -> float:
@@ -43,13 +44,13 @@ def noise(look: Look, curvature: Floats) -> float:
     return float(max(scatter / np.diag(curvature)[:n].mean(), least))
 
 
-def doubts(squares: Floats, geometry: Geometry, scale: float) -> Floats:
+def doubts(look: Look, geometry: Geometry, scale: float) -> Floats:
     """(k,) factors by which misfit of projections raises the noise of what they say.
 
     An excess of `scale` medians doubles it; the axis and the roll get the median. Projections near
     one that does not fit are doubted with it: it spoils the map for them.
     """
-    over = np.maximum(misfits(squares, geometry.theta) - ORDINARY, 0) / scale
+    over = np.maximum(misfits(look, geometry.theta) - ORDINARY, 0) / scale
     of_projections = 1 + highest_near(over, geometry.theta) ** 2
     factors = np.full(geometry.layout.size, np.median(of_projections))
     for entries in geometry.layout.own:
