@@ -163,6 +163,14 @@ def test_a_source_made_honest_gives_way_to_one_that_is() -> None:
     assert away[0] < away[1] / 10
 
 
+def test_sources_that_are_misled_alike_are_together_no_surer_than_one() -> None:
+    one = source(RECORDED.moved(off(1, 0.5)), 0.1)
+    alone = together(one)
+    both = together(*[honest(one, alone, alike=2)] * 2)
+    np.testing.assert_allclose(both.sigma, alone.sigma)
+    np.testing.assert_allclose(both.geometry.theta, alone.geometry.theta, atol=1e-6)
+
+
 def test_a_source_is_told_what_the_graph_wants() -> None:
     best = RECORDED.moved(off(1, 0.5))
     said = source(best, 0.05, at=RECORDED)

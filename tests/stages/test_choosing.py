@@ -52,7 +52,7 @@ def test_a_turn_of_all_angles_is_no_disagreement() -> None:
 
 
 @pytest.mark.parametrize("name", [FEATURES, MAP])
-@pytest.mark.parametrize("excess", [1.0, 7.5])
+@pytest.mark.parametrize("excess", [1.0, 3.9])
 def test_a_source_that_is_alone_is_used_for_the_gate_to_judge(name: str, excess: float) -> None:
     worse = squares(recorded=1.0) | squares(**{name: 2.0})
     assert Choice().of({name: alone()}, excess, worse, THETA) == {name: USED}
@@ -84,11 +84,11 @@ def test_features_need_significance_to_win_over_the_map() -> None:
 def test_a_map_that_does_not_hold_all_projections_is_left_out(found: dict[str, Fused]) -> None:
     # Unused rows, which the same model reprojects, even speak for the map.
     judged = squares(recorded=1.0, features=0.5, map=0.2)
-    assert Choice().of(found, 3.4, judged, THETA) == {
+    assert Choice().of(found, 2.4, judged, THETA) == {
         FEATURES: USED,
-        MAP: "left out: some projections fit 3.4 times worse than usual",
+        MAP: "left out: some projections fit 2.4 times worse than usual",
     }
-    assert Choice().of(found, 2.5, judged, THETA)[MAP] == USED
+    assert Choice().of(found, 2.0, judged, THETA)[MAP] == USED
 
 
 @pytest.mark.parametrize("found", [CLOSE, {FEATURES: CLOSE[FEATURES]}])
@@ -105,8 +105,8 @@ def test_nothing_is_believed_where_some_projections_cannot_be_explained_at_all(
 
 def test_such_a_map_stays_where_features_are_no_better_than_what_was_recorded() -> None:
     judged = squares(recorded=1.0, features=1.1, map=0.5)
-    assert Choice().of(APART, 7.0, judged, THETA)[MAP] == USED
-    assert Choice().of(CLOSE, 7.0, judged, THETA) == {FEATURES: USED, MAP: USED}
+    assert Choice().of(APART, 3.8, judged, THETA)[MAP] == USED
+    assert Choice().of(CLOSE, 3.8, judged, THETA) == {FEATURES: USED, MAP: USED}
 
 
 @pytest.mark.parametrize("names", [(FEATURES, MAP), (MAP,)])
@@ -119,8 +119,8 @@ def test_no_such_map_is_used_where_shifts_may_take_up_what_it_cannot_explain(
         for name, f in CLOSE.items()
         if name in names
     }
-    assert Choice().of(jittered, 3.1, judged, THETA)[MAP].startswith("left out: some projections")
-    assert Choice().of(jittered, 3.0, judged, THETA) == dict.fromkeys(names, USED)
+    assert Choice().of(jittered, 2.3, judged, THETA)[MAP].startswith("left out: some projections")
+    assert Choice().of(jittered, 2.1, judged, THETA) == dict.fromkeys(names, USED)
 
 
 def test_limits_can_be_chosen() -> None:

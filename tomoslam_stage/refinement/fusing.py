@@ -171,18 +171,18 @@ def squared_together(changes: Sequence[Floats], n: int) -> Floats:
     return np.asarray(np.sqrt(sum((change**2 for change in changes), np.zeros(n))))
 
 
-def honest(said: Said, alone: Fused) -> Said:
+def honest(said: Said, alone: Fused, alike: int = 1) -> Said:
     """Return a source made as sure as its halves and its assumptions show it to be.
 
     Sources overstate themselves differently: features that are pulled alike, a map that cannot
-    hold all projections. `alone` is what the source says without the others.
+    hold all projections. `alone` is what the source says without the others. Where so many sources
+    as `alike` says are misled alike, they shall together be no surer than one.
     """
     formal = rms(alone.formal)
     excess = max(1.0, rms(alone.sigma) / formal) if formal > 0 else 1.0
-    weaker = Quadratic(said.quadratic.information / excess**2, said.quadratic.pull / excess**2)
-    return replace(
-        said, quadratic=weaker, halves=said.halves / excess**2, biases=said.biases / excess**2
-    )
+    less = alike * excess**2
+    weaker = Quadratic(said.quadratic.information / less, said.quadratic.pull / less)
+    return replace(said, quadratic=weaker, halves=said.halves / less, biases=said.biases / less)
 
 
 def solver_with(graph: FactorGraph, recorded: Geometry, measurements: AngleMeasurements) -> Solve:

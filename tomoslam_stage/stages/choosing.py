@@ -23,13 +23,13 @@ SIGNIFICANCE = 3.0
 class Choice:
     """Weighs features against the map, by data that neither used and by how well the map holds."""
 
-    most_excess: Annotated[float, Field(gt=1)] = 3.0
+    most_excess: Annotated[float, Field(gt=1)] = 2.2
     """Residual of the worst projection, in units of the usual one, up to which the map holds: thick
     projections that its linear model cannot explain pull good angles away, and rows that were not
     used do not show it."""
-    suspect_excess: Annotated[float, Field(gt=1)] = 2.0
+    suspect_excess: Annotated[float, Field(gt=1)] = 1.5
     """The same from which on the map is looked at more closely before that is said."""
-    hopeless_excess: Annotated[float, Field(gt=1)] = 8.0
+    hopeless_excess: Annotated[float, Field(gt=1)] = 4.0
     """The same from which on nothing is believed: what breaks the map, a sample that moves or a
     beam that is not parallel, misleads the features, too."""
     agreement: Annotated[float, Field(gt=0)] = 3.0

@@ -89,6 +89,8 @@ class Heard:
     """For the report, too."""
     excess: float = 1.0
     """Residual of the worst projection in the map's account, in units of the usual one."""
+    suspect: bool = False
+    """Whether that was too much at a first look: what misleads the map there may mislead all."""
 
     def for_report(self) -> dict[str, Any]:
         """Return the fields of an `Outcome` that only the report reads."""
@@ -192,7 +194,8 @@ class Sources:
         """Let the reconstruction correct the angles."""
         mapping = self.mapping or MapFactor()
         mapped = mapping.refine(scan, usable, begin, solve)
-        if self.closer and mapped and mapped.excess > self.choice.suspect_excess:
+        heard.suspect = mapped is not None and mapped.excess > self.choice.suspect_excess
+        if self.closer and heard.suspect:
             narrow = scan.n_columns <= CLOSE_COLUMNS
             closer = self.closer if narrow else replace(self.closer, binning=mapping.binning)
             mapped = closer.refine(scan, usable, begin, solve) or mapped
@@ -224,12 +227,10 @@ class Sources:
         }
         chosen = self.choice.of(alone, heard.excess, heard.squares, recorded.theta)
         notes = {**heard.notes, **chosen}
+        names = [name for name, note in chosen.items() if note == USED]
+        alike = len(names) if heard.suspect else 1
         # What they said takes much memory, and is not asked for again.
-        used = [
-            honest(heard.said.pop(name), alone[name])
-            for name, note in chosen.items()
-            if note == USED
-        ]
+        used = [honest(heard.said.pop(name), alone[name], alike) for name in names]
         if not used:
             return Outcome(None, notes, **heard.for_report())
         joint, noise = self._with_noise(used, recorded, measurements)
