@@ -4,7 +4,7 @@ To add a factor, write it in `factors`.
 """
 
 from tomoslam_stage.refinement.factors import FACTORS
-from tomoslam_stage.refinement.fusing import Fused, Said, agree, fused, honest, solver_with
+from tomoslam_stage.refinement.fusing import Fused, Said, agree, as_one, fused, honest, solver_with
 from tomoslam_stage.refinement.gate import (
     Halves,
     Verdict,
@@ -29,6 +29,7 @@ __all__ = [
     "Solution",
     "Verdict",
     "agree",
+    "as_one",
     "evidence_of",
     "fused",
     "gain_sigma",

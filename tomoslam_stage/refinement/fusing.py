@@ -171,18 +171,29 @@ def squared_together(changes: Sequence[Floats], n: int) -> Floats:
     return np.asarray(np.sqrt(sum((change**2 for change in changes), np.zeros(n))))
 
 
-def honest(said: Said, alone: Fused, alike: int = 1) -> Said:
+def honest(said: Said, alone: Fused) -> Said:
     """Return a source made as sure as its halves and its assumptions show it to be.
 
     Sources overstate themselves differently: features that are pulled alike, a map that cannot
-    hold all projections. `alone` is what the source says without the others. Where so many sources
-    as `alike` says are misled alike, they shall together be no surer than one.
+    hold all projections. `alone` is what the source says without the others.
     """
     formal = rms(alone.formal)
     excess = max(1.0, rms(alone.sigma) / formal) if formal > 0 else 1.0
-    less = alike * excess**2
-    weaker = Quadratic(said.quadratic.information / less, said.quadratic.pull / less)
-    return replace(said, quadratic=weaker, halves=said.halves / less, biases=said.biases / less)
+    weaker = Quadratic(said.quadratic.information / excess**2, said.quadratic.pull / excess**2)
+    return replace(
+        said, quadratic=weaker, halves=said.halves / excess**2, biases=said.biases / excess**2
+    )
+
+
+def as_one(solution: Fused, sources: int) -> Fused:
+    """Return a solution of `sources` that are misled alike: no surer than one of them."""
+    shift_sigma = solution.shift_sigma
+    return replace(
+        solution,
+        variances=sources * solution.variances,
+        step_variances=sources * solution.step_variances,
+        shift_sigma=None if shift_sigma is None else np.sqrt(sources) * shift_sigma,
+    )
 
 
 def solver_with(graph: FactorGraph, recorded: Geometry, measurements: AngleMeasurements) -> Solve:

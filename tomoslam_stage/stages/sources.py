@@ -29,6 +29,7 @@ from tomoslam_stage.refinement import (
     Landmarks,
     Said,
     agree,
+    as_one,
     fused,
     honest,
     lapses,
@@ -227,13 +228,17 @@ class Sources:
         }
         chosen = self.choice.of(alone, heard.excess, heard.squares, recorded.theta)
         notes = {**heard.notes, **chosen}
-        names = [name for name, note in chosen.items() if note == USED]
-        alike = len(names) if heard.suspect else 1
         # What they said takes much memory, and is not asked for again.
-        used = [honest(heard.said.pop(name), alone[name], alike) for name in names]
+        used = [
+            honest(heard.said.pop(name), alone[name])
+            for name, note in chosen.items()
+            if note == USED
+        ]
         if not used:
             return Outcome(None, notes, **heard.for_report())
         joint, noise = self._with_noise(used, recorded, measurements)
+        if heard.suspect:
+            joint = as_one(joint, len(used))
         correction = joint.geometry.theta - recorded.theta
         events = lapses(recorded.theta, correction, joint.step_variances)
         return Outcome(joint, notes, events, noise, **heard.for_report())
