@@ -34,14 +34,14 @@ def hidden(images: Pixels, blur: float) -> Pixels:
     from scipy.fft import dctn, idctn
 
     def waves(values: Pixels) -> Pixels:
-        return np.asarray(dctn(values, axes=(-2, -1), overwrite_x=True))
+        return np.asarray(dctn(values, axes=(-2, -1)))
 
     kept = passed(images.shape[-2:], blur)
     sharper = (1 - (1 - kept) ** TERMS) / kept
     recorded = np.exp(-images)
-    sharp = idctn(waves(recorded.copy()) * sharper, axes=(-2, -1), overwrite_x=True)
+    sharp = idctn(waves(recorded) * sharper, axes=(-2, -1), overwrite_x=True)
     integrals = -np.log(np.maximum(sharp, DARKEST * recorded))
-    lacking = kept * (waves(integrals) - sharper * waves(images.copy()))
+    lacking = kept * (waves(integrals) - sharper * waves(images))
     return np.asarray(idctn(lacking, axes=(-2, -1), overwrite_x=True))
 
 

@@ -36,6 +36,16 @@ class Said:
     biases: Floats
     """(b, k) pull that each of its own assumptions may have added."""
 
+    def weaker(self, less: float) -> Said:
+        """Return the same, told with so many times less information."""
+        said = self.quadratic
+        return replace(
+            self,
+            quadratic=Quadratic(said.information / less, said.pull / less),
+            halves=self.halves / less,
+            biases=self.biases / less,
+        )
+
 
 @dataclass(frozen=True)
 class Fused:
@@ -179,10 +189,7 @@ def honest(said: Said, alone: Fused) -> Said:
     """
     formal = rms(alone.formal)
     excess = max(1.0, rms(alone.sigma) / formal) if formal > 0 else 1.0
-    weaker = Quadratic(said.quadratic.information / excess**2, said.quadratic.pull / excess**2)
-    return replace(
-        said, quadratic=weaker, halves=said.halves / excess**2, biases=said.biases / excess**2
-    )
+    return said.weaker(excess**2)
 
 
 def as_one(solution: Fused, sources: int) -> Fused:

@@ -262,14 +262,13 @@ def said_by(mapped: Mapped, suspect: float) -> Said:
 
     What the model cannot explain there pulls all angles, in every row alike.
     """
-    doubt = mapped.excess if mapped.excess > suspect else 1.0
-    said = mapped.quadratic
-    return Said(
+    said = Said(
         geometry=mapped.geometry,
-        quadratic=replace(said, information=said.information / doubt, pull=said.pull / doubt),
-        halves=(mapped.row_pulls[::2].sum(axis=0) - mapped.row_pulls[1::2].sum(axis=0)) / doubt,
-        biases=mapped.bias_pulls / doubt,
+        quadratic=mapped.quadratic,
+        halves=mapped.row_pulls[::2].sum(axis=0) - mapped.row_pulls[1::2].sum(axis=0),
+        biases=mapped.bias_pulls,
     )
+    return said.weaker(mapped.excess) if mapped.excess > suspect else said
 
 
 def counted(tracks: Tracks) -> dict[str, int]:
