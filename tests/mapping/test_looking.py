@@ -33,7 +33,7 @@ def rows_of(scan: Scan, count: int, binning: int = 1) -> Observed:
 @pytest.fixture
 def fixed(blobs: Blobs, monkeypatch: pytest.MonkeyPatch) -> Observed:
     """Three rows of blobs, and a map of them that stays as it is."""
-    monkeypatch.setattr(looking, "mapped", lambda *_: blobs.slices(64))
+    monkeypatch.setattr(looking, "mapped", lambda *_, **__: blobs.slices(64))
     wrong = THETA + np.deg2rad(2) * np.random.default_rng(7).standard_normal(60)
     return Observed(blobs.sinograms(wrong, 32.0, 64), np.array([0, 20, 70]), 2, 8.0)
 
@@ -63,6 +63,17 @@ def test_the_conditional_curvature_is_that_of_a_map_that_stays(fixed: Observed) 
     after, before = (fixed.look(START.moved(off * axis)).pull[60] for off in (0.05, -0.05))
     # Gauss and Newton: the residual's own part of the curvature is left out.
     assert (before - after) / 0.1 == pytest.approx(look.conditional[60], rel=0.2)
+
+
+def test_what_is_fixed_to_the_detector_pulls_nothing(fixed: Observed) -> None:
+    pattern = np.random.default_rng(9).normal(0, 0.1, (3, 1, 64)).astype(np.float32)
+    clean, ringing = (
+        one.look(START) for one in (fixed, replace(fixed, sinograms=fixed.sinograms + pattern))
+    )
+    np.testing.assert_allclose(ringing.squares, clean.squares, rtol=1e-3)
+    off = ringing.pulls - clean.pulls
+    assert np.abs(off).max() < 1e-3 * np.abs(clean.pulls).max()
+    assert ringing.fixed > clean.fixed + 1e-3
 
 
 def test_all_shifts_together_are_the_axis(fixed: Observed) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tomoslam_stage.mapping.maps import contrast, denoised, mapped, seen
+from tomoslam_stage.mapping.maps import around_objects, contrast, denoised, mapped, seen, standing
 from tomoslam_stage.radon import Radon
 
 if TYPE_CHECKING:
@@ -54,6 +54,27 @@ def test_slices_of_no_weight_stay_as_they_are(step: Floats) -> None:
     assert not np.array_equal(found[1], both[1])
 
 
+def test_what_all_projections_have_at_one_place_is_the_detectors() -> None:
+    rng = np.random.default_rng(3)
+    turns, stays = rng.normal(size=(2, 6, 9)), rng.normal(size=(2, 1, 9))
+    turns -= turns.mean(axis=1, keepdims=True)
+    np.testing.assert_allclose(standing((turns + stays).astype(np.float32)), stays, atol=1e-6)
+
+
+def test_air_is_told_from_objects_and_thin_layers_keep_a_rim() -> None:
+    slices = np.random.default_rng(4).normal(0, 0.02, (2, 48, 48)).astype(np.float32)
+    slices[0, 20:23, 10:38] += 1
+    slices[1, 10:38, 24:28] += 3
+    inside = np.ones((48, 48), bool)
+    inside[:, -12:] = False
+    kept = around_objects(slices, inside, 0.2)
+    assert kept[0, 17:26, 12:34].all()
+    assert not kept[0, :12].any()
+    assert not kept[:, :, -12:].any()
+    # Densest or not, each slice has air of its own.
+    assert kept[1].mean() < 0.3
+
+
 def test_an_empty_slice_has_no_contrast() -> None:
     slices = np.zeros((2, 4, 4), np.float32)
     slices[1, 0] = [1, 3, 1, 3]
@@ -72,5 +93,16 @@ def test_a_map_explains_the_sinograms_it_was_made_of(dots: Blobs) -> None:
     radon = Radon(theta, 40.0, 81, 81)
     slices = mapped(sinograms, radon, 0.0)
     assert slices.min() >= 0
+    left = seen(sinograms) - radon.project(slices)
+    assert np.std(left) < 0.03 * np.std(sinograms)
+
+
+def test_a_map_with_its_air_made_empty_explains_them_too_and_has_either_sign(dots: Blobs) -> None:
+    theta = np.arange(120) * np.pi / 120
+    sinograms = dots.sinograms(theta, 40.0, 81)
+    radon = Radon(theta, 40.0, 81, 81)
+    slices = mapped(sinograms, radon, 0.0, faintest=0.05)
+    assert slices.min() < 0
+    assert np.mean(slices == 0) > 0.3
     left = seen(sinograms) - radon.project(slices)
     assert np.std(left) < 0.03 * np.std(sinograms)

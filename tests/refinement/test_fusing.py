@@ -137,12 +137,8 @@ def test_the_halves_of_all_sources_add_up() -> None:
     assert both.half_error**2 == pytest.approx(sum(rms(h) ** 2 for h in both.halves))
 
 
-@pytest.mark.parametrize("what", ["halves", "biases"])
-def test_a_source_that_overstates_itself_is_made_less_sure(what: str) -> None:
-    pull = pulled(0.3, 0.1)
-    boasting = source(
-        RECORDED.moved(off(1, 0.4)), 0.1, **{what: pull if what == "halves" else pull[None]}
-    )
+def test_a_source_that_overstates_itself_is_made_less_sure() -> None:
+    boasting = source(RECORDED.moved(off(1, 0.4)), 0.1, halves=pulled(0.3, 0.1))
     alone = together(boasting)
     weaker = honest(boasting, alone)
     excess = rms(alone.sigma) / rms(alone.formal)
@@ -162,6 +158,14 @@ def test_halves_that_show_no_more_than_promised_make_no_source_weaker() -> None:
     weaker = honest(modest, together(modest))
     np.testing.assert_array_equal(weaker.quadratic.information, modest.quadratic.information)
     np.testing.assert_array_equal(weaker.halves, modest.halves)
+
+
+def test_an_assumption_makes_no_source_weaker_but_the_angles_less_sure() -> None:
+    assuming = source(RECORDED.moved(off(1, 0.4)), 0.1, biases=pulled(0.3, 0.1)[None])
+    alone = together(assuming)
+    same = honest(assuming, alone)
+    np.testing.assert_array_equal(same.quadratic.information, assuming.quadratic.information)
+    assert rms(together(same).sigma) > 2 * rms(alone.formal)
 
 
 def test_a_source_made_honest_gives_way_to_one_that_is() -> None:

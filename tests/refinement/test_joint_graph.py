@@ -221,7 +221,7 @@ def test_steps_of_a_stage_without_jitter_are_the_factors_of_single_steps(
     walking = Encoder(sigma_deg=0.2, jitter_deg=0.0)
     block = walking.block(recorded.theta, NONE)
     chained, single = Joint.of(here.layout), Joint.of(here.layout)
-    chained.hear_chain(*walking.chain(recorded.theta, here.theta))
+    chained.hear_chain(*walking.chain(recorded.theta, here.theta, NONE))
     weights = {"encoder": block.weights(here.theta)}
     single.hear_graph(linear_graph({"encoder": block}, weights, here.theta))
     for name in ("information", "pull"):

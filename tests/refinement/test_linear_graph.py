@@ -128,8 +128,8 @@ def error_ratio(recorded_errors: np.ndarray, cv_deg: float) -> float:
         seen = np.deg2rad(10 + rng.normal(0, cv_deg, (len(pairs), 1)))
         whitening = np.full((len(pairs), 1, 1), 1 / np.deg2rad(cv_deg))
         blocks = {
-            "prior": Prior().block(recorded, None),
-            "encoder": Encoder(sigma_deg=0.05).block(recorded, None),
+            "prior": Prior().block(recorded, AngleMeasurements.none()),
+            "encoder": Encoder(sigma_deg=0.05).block(recorded, AngleMeasurements.none()),
             "cv": Block(pairs, np.array([[-1.0, 1.0]]), seen, whitening),
         }
         weights = {name: np.ones(len(block.measured)) for name, block in blocks.items()}

@@ -65,7 +65,7 @@ def test_a_board_that_shrinks_is_given_away_by_rows_of_features_and_by_little_el
     assert refined > 3 * recorded
     assert found.evidence is not None
     # Halves agree, unused rows reproject better, and sigma is a third of what is put right.
-    careless = Gate(most_moved=100.0, sigma_share=0.4)
+    careless = Gate(most_moved=100.0)
     assert careless.judge(found.evidence).status == "accepted"
     assert found.status == "kept"
     assert "the sample moves by itself or changes its size" in found.reason

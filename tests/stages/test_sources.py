@@ -25,7 +25,7 @@ TRUE = np.deg2rad(4.5 * np.arange(N))
 LOST_DEG = 1.0
 RECORDED_ANGLES = TRUE + np.deg2rad(LOST_DEG) * (np.arange(N) >= 20)
 START = Geometry(RECORDED_ANGLES, axis=20.0, middle=15.5)
-SCAN = SimpleNamespace(n_rows=ROWS, n_projections=N)
+SCAN = SimpleNamespace(n_rows=ROWS, n_projections=N, stage_steps=np.ones(N - 1))
 USABLE = np.arange(ROWS) % 8 != 3
 SIGMA_DEG = 0.03
 
@@ -123,7 +123,7 @@ def asked(
 def sources_of(
     placing: Placing | None = None, mapping: Mapping | None = None, features: int = 40
 ) -> Sources:
-    return Sources(
+    how = SimpleNamespace(
         tracks=Seeing(features),
         angles=None,
         closures=None,
@@ -131,10 +131,11 @@ def sources_of(
         mapping=mapping,
         closer=None,
         choice=Choice(),
-        graph=FactorGraph(),
+        refinement=FactorGraph(),
         rounds=1,
         settled_deg=0.01,
     )
+    return Sources(how)
 
 
 def error_deg(outcome: Outcome) -> float:

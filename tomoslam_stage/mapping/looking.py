@@ -9,7 +9,7 @@ import numpy as np
 
 from tomoslam_stage.geometry import around, spread
 from tomoslam_stage.images import highpass, shifted
-from tomoslam_stage.mapping.maps import mapped, seen
+from tomoslam_stage.mapping.maps import mapped, seen, standing
 from tomoslam_stage.parallel import BLOCK, parallel
 from tomoslam_stage.radon import Radon
 
@@ -22,6 +22,8 @@ Result = TypeVar("Result")
 
 END = 0.02
 """Widths of the detector that make its ends."""
+USUAL = 0.02
+"""Strength of the total variation while something else is chosen."""
 EMPTY = 0.05
 """Share of the highest line integrals that an end may show and the object still be seen whole."""
 
@@ -41,6 +43,8 @@ class Answer(NamedTuple):
     """(r, n) derivative by the angle times derivative by the shift."""
     squares: Floats
     """(r, n) mean squared residual."""
+    fixed: Floats
+    """(r, 1) mean square of what was taken off the residual, as all projections have it."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +56,15 @@ class Look:
     conditional: Floats
     """(k,) curvature that goes with it, were the map to stay as it is."""
     squares: Floats
-    """(r, n) mean squared residual."""
+    """(r, n) mean squared residual, but for what all projections have at the same column."""
     heights: Floats
     """(r,) px that each row lies below the one where the axis is at its column."""
     mixed: Floats
     """(n,) curvature by the angle and the shift of a projection, were the map to stay."""
     noise_left: float = 1.0
     """Share of the noise's variance that the rows show, as they were smoothed."""
+    fixed: float = 0.0
+    """Mean square of what all projections have at the same column."""
 
     @property
     def pull(self) -> Floats:
@@ -82,6 +88,8 @@ class Observed:
     """Side of the map, in widths of the detector."""
     strength: float = 0.0
     """Of the total variation, in standard deviations of a slice."""
+    faintest: float = 0.0
+    """Share of the densest place below which there is air, made empty; 0: nothing negative."""
     blur: float = 0.0
     """Px of the scan: that of the intensities, which was mended."""
     noise_left: float = 1.0
@@ -110,11 +118,12 @@ class Observed:
             conditional[layout.shifts] = answers.shift_squares.sum(axis=0) / self.binning**2
         # A row's axis lies in columns of its own.
         axis = answers.by_shift.sum(axis=1) / self.binning
-        squares = answers.shift_squares.sum(axis=1) / self.binning**2
+        curved = answers.shift_squares.sum(axis=1) / self.binning**2
         pulls[:, layout.line] = np.column_stack([axis, axis * heights])
-        conditional[layout.line] = squares.sum(), (squares * heights**2).sum()
+        conditional[layout.line] = curved.sum(), (curved * heights**2).sum()
         mixed = answers.products.sum(axis=0) / self.binning
-        return Look(pulls, conditional, answers.squares, heights, mixed, self.noise_left)
+        squares, fixed = answers.squares, float(answers.fixed.mean())
+        return Look(pulls, conditional, squares, heights, mixed, self.noise_left, fixed)
 
     def left_out(self, geometry: Geometry) -> float:
         """Mean squared error of predicting every other projection from the rest."""
@@ -125,17 +134,20 @@ class Observed:
 
         def square(block: slice) -> Floats:
             sinograms = self._aligned(geometry, block)
-            slices = mapped(sinograms[:, odd], used, self.strength)
+            slices = mapped(sinograms[:, odd], used, self.strength, faintest=self.faintest)
             left = seen(sinograms[:, ~odd]) - wanted.project(slices)
+            left -= standing(left)
             return np.asarray(np.mean(np.square(self._fine(left), dtype=np.float64), axis=(1, 2)))
 
         return float(np.concatenate(list(self._of_blocks(square))).mean())
 
     def _answer(self, sinograms: Pixels, radon: Radon) -> Answer:
         """Compare `sinograms` (r, n, column) with their map."""
-        slices = mapped(sinograms, radon, self.strength)
+        slices = mapped(sinograms, radon, self.strength, faintest=self.faintest)
         projected, by_angle, by_axis = radon.linearised(slices)
         left = self._fine(seen(sinograms) - projected)
+        fixed = standing(left)
+        left -= fixed
         by_angle, by_axis = self._fine(by_angle), self._fine(by_axis)
         columns = sinograms.shape[-1]
         return Answer(
@@ -145,6 +157,7 @@ class Observed:
             _products(by_axis, by_axis),
             _products(by_angle, by_axis),
             _products(left, left) / columns,
+            _products(fixed, fixed) / columns,
         )
 
     def _fine(self, sinograms: Pixels) -> Pixels:
@@ -184,6 +197,16 @@ def strongest(seen_rows: Observed, geometry: Geometry, strengths: Iterable[float
     )
     least = min(errors.values())
     return max(strength for strength, error in errors.items() if error <= 1.02 * least)
+
+
+def emptiest(seen_rows: Observed, geometry: Geometry, faintest: Iterable[float]) -> float:
+    """Return the share of the densest place that leaves the least error on projections left out."""
+    tried = (
+        (each, replace(seen_rows, faintest=each, strength=0.0 if each else USUAL))
+        for each in faintest
+    )
+    errors = left_out_errors(geometry, tried, np.inf)
+    return min(errors, key=lambda each: errors[each])
 
 
 def left_out_errors(

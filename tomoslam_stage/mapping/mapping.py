@@ -11,7 +11,7 @@ from pydantic import Field
 
 from tomoslam_stage.geometry import rms_difference, spread
 from tomoslam_stage.mapping.curvature import Place, looks_needed, probed
-from tomoslam_stage.mapping.looking import Observed, strongest
+from tomoslam_stage.mapping.looking import Observed, emptiest, strongest
 from tomoslam_stage.mapping.reading import Reading, likeliest
 from tomoslam_stage.mapping.stepping import Stepping, weighed
 from tomoslam_stage.mapping.weighing import misfits
@@ -34,7 +34,7 @@ WEAKEST = 0.01
 """Strength of the prior that none is compared with."""
 FARTHEST = np.deg2rad(20)
 """Radians, rms: a map that goes farther from where it began has lost its way."""
-DOUBTED_BLUR = 0.1
+DOUBTED_BLUR = 0.05
 """Px: how far the blur of intensities may be off, as it acts on thick edges."""
 
 
@@ -53,8 +53,8 @@ class Mapped:
     squares: Floats
     """(r, n) mean squared residual of each row and projection, squared line integrals."""
     bias_pulls: Floats
-    """(b, k) by how much the pull would change with half as strong a prior for the map; and, where
-    a blur was looked for, with somewhat more of it."""
+    """(b, k) by how much the pull would change with half as strong a prior for the map, where there
+    may be one; and, where a blur was looked for, with somewhat more of it."""
     rows: Integers
     """(r,) rows of the scan that were used."""
     strength: float
@@ -88,6 +88,9 @@ class Mapping:
     """Of the total variation, in standard deviations of the map; left-out projections choose."""
     blurs: tuple[Annotated[float, Field(ge=0)], ...] = (0.0,)
     """Px: standard deviation of the detector's blur, to be mended; left-out projections choose."""
+    faintest: tuple[Annotated[float, Field(ge=0, lt=1)], ...] = (0.0,)
+    """Share of the densest place of a slice below which there is air, made empty; left-out
+    projections choose. 0: nothing in the map is negative; total variation is for that alone."""
     wide: Annotated[float, Field(ge=1)] = 1.5
     """Side of the map where the object reaches beyond the detector, in widths of it."""
     floor: Annotated[float, Field(gt=0, lt=1)] = 0.04
@@ -99,12 +102,18 @@ class Mapping:
     def closer(cls) -> Mapping:
         """Return how to look where thick projections break the linear model.
 
-        Single columns, as thin layers are seen edge on; the blur of intensities mended; no prior
-        so strong that it flattens what is thin; and what fits badly all the same counts for less.
+        Single columns, as thin layers are seen edge on, and more rows for that; the blur of
+        intensities mended; where the air can be told from the object, no other prior, as that
+        thickens what is thin; and what fits badly all the same counts for less.
         """
-        blurs = (0.0, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0)
-        strengths = (0.0, 0.01, 0.02, 0.03, 0.05)
-        return cls(binning=1, blurs=blurs, strengths=strengths, misfit=0.25)
+        return cls(
+            binning=1,
+            rows=64,
+            blurs=(0.0, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0),
+            faintest=(0.0, 0.02, 0.05, 0.1, 0.2),
+            strengths=(0.0, 0.01, 0.02, 0.03, 0.05),
+            misfit=0.25,
+        )
 
     def refine(self, scan: Scan, rows: Integers, start: Geometry, solve: Solve) -> Mapped | None:
         """Improve on `start`; None where the rows say nothing.
@@ -163,26 +172,31 @@ class Mapping:
     def _fitted(self, reading: Reading, rows: Observed, geometry: Geometry) -> Observed:
         """`rows` as projections left out are predicted best: a blur mended, a prior for the map.
 
-        Of the priors, the strongest that is as good as the best.
+        Of the strengths, the largest that is as good as the best.
         """
         if len(self.blurs) > 1:
             blur = likeliest(reading, rows.part(self.probe_rows).rows, geometry, self.blurs)
             rows = reading.observed(rows.rows, blur)
-        part = rows.part(self.probe_rows)
+        part, faintest = rows.part(self.probe_rows), self.faintest[0]
+        if len(self.faintest) > 1:
+            faintest = emptiest(part, geometry, self.faintest)
+        if faintest:
+            return replace(rows, faintest=faintest)
         return replace(rows, strength=strongest(part, geometry, self.strengths))
 
     def _otherwise(self, reading: Reading, rows: Observed) -> Iterator[Observed]:
         """`rows` as they would be had we assumed otherwise, by as much as may well be."""
-        yield replace(rows, strength=rows.strength / 2 or WEAKEST)
+        if not rows.faintest:
+            yield replace(rows, strength=rows.strength / 2 or WEAKEST)
         if len(self.blurs) > 1:
             more = reading.observed(rows.rows, rows.blur + DOUBTED_BLUR)
-            yield replace(more, strength=rows.strength)
+            yield replace(more, strength=rows.strength, faintest=rows.faintest)
 
     def _mapped(self, rows: Observed, place: Place, otherwise: list[Look]) -> Mapped | None:
         """Return what is known at the end, and what it would be had we assumed otherwise."""
         look = place.look
-        biases = [other.pull - look.pull for other in otherwise]
-        said = weighed(place, self.misfit, np.vstack([look.pulls, biases]))
+        biases = [other.pull[None] - look.pull for other in otherwise]
+        said = weighed(place, self.misfit, np.vstack([look.pulls, *biases]))
         ended = Mapped(
             place.geometry,
             said.quadratic,
@@ -198,8 +212,8 @@ class Mapping:
 
 
 def usable(sinograms: Pixels) -> bool:
-    """Whether `sinograms` (r, n, column) are numbers, and not all alike."""
-    return bool(np.isfinite(sinograms).all() and np.ptp(sinograms) > 0)
+    """Whether `sinograms` (r, n, column) are numbers, and not the same in all projections."""
+    return bool(np.isfinite(sinograms).all() and np.ptp(sinograms, axis=1).any())
 
 
 def counted(rows: Observed, looks: Iterator[int]) -> Callable[[Geometry], Look]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tomoslam_stage.mapping.blurring import hidden
-from tomoslam_stage.mapping.looking import Observed, left_out_errors, truncated
+from tomoslam_stage.mapping.looking import USUAL, Observed, left_out_errors, truncated
 from tomoslam_stage.parallel import parallel
 from tomoslam_stage.reprojection import binned
 
@@ -21,8 +21,6 @@ TOGETHER = 8
 """Projections read at a time."""
 SMOOTHING, ALONE = {-1: 0.25, 0: 0.5, 1: 0.25}, {0: 1.0}
 """Weights of a row and its neighbours, by how far below they are."""
-USUAL = 0.02
-"""Strength of the map's prior while the blur is looked for."""
 
 
 @dataclass(frozen=True)

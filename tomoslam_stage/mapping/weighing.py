@@ -24,13 +24,14 @@ LEAST_SCATTER = 1e-3
 def misfits(look: Look, theta: Floats) -> Floats:
     """(n,) residuals of the projections in medians, but for single ones that stand out.
 
-    The median of three goes round the turn. Rows that were smoothed show what does not fit above
-    less noise; it is told as rows would show it that were not.
+    The median of three goes round the turn. Rows that were smoothed, and freed of what is fixed to
+    the detector, show what does not fit above less noise; it is told as rows would show it that
+    were not.
     """
     from scipy.ndimage import median_filter
 
     order = around(theta)
-    of_all = look.squares.mean(axis=0)
+    of_all = look.squares.mean(axis=0) + look.fixed
     smooth = np.empty_like(of_all)
     smooth[order] = median_filter(of_all[order], 3, mode="nearest")
     return np.asarray(1 + look.noise_left * (smooth / np.median(smooth) - 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +118,10 @@ class Closures:
 
 @dataclass(frozen=True)
 class AngleMeasurements:
-    """What is measured between single projections: steps inside triplets, and closures."""
+    """What is known between single projections: steps inside triplets, closures, the stage's way.
+
+    The recorded angles are not in here.
+    """
 
     projections: Integers
     """(m, 3) the three projections of each triplet."""
@@ -134,6 +137,9 @@ class AngleMeasurements:
     """How many triplets gave no measurement, by reason."""
     closures: Closures = field(default_factory=Closures.none)
     """Where loops close."""
+    stage_steps: Floats | float = 1.0
+    """(n - 1,) steps that the stage made from each projection to the next, see `Scan`; or one
+    number where these are alike."""
 
     def __post_init__(self) -> None:
         m = len(self.projections)
@@ -145,6 +151,10 @@ class AngleMeasurements:
     def n_measured(self) -> int:
         """Number of triplets that were measured."""
         return len(self.projections)
+
+    def joined(self, triplets: AngleMeasurements) -> AngleMeasurements:
+        """Return `triplets` with the rest of what is known here."""
+        return replace(triplets, closures=self.closures, stage_steps=self.stage_steps)
 
     @classmethod
     def none(cls) -> AngleMeasurements:

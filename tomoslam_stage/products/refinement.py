@@ -82,7 +82,11 @@ class StageNoise:
     @property
     def step(self) -> float:
         """Radians: standard deviation of a recorded step."""
-        return float(np.sqrt(self.walk**2 + 2 * self.jitter**2))
+        return float(np.sqrt(self.variance_after(1.0)))
+
+    def variance_after(self, steps: Floats | float) -> Floats | float:
+        """Radians squared: variance of a recorded difference of so many `steps`."""
+        return self.walk**2 * steps + 2 * self.jitter**2
 
 
 @dataclass(frozen=True)

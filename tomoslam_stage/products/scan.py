@@ -106,6 +106,18 @@ class Scan:
         """Number of detector columns."""
         return self.source.shape[2]
 
+    @property
+    def stage_steps(self) -> Floats:
+        """(n - 1,) steps that the stage made from each projection to the next.
+
+        More than one across frames that were left out; those without an angle, such as flats in
+        between, take none.
+        """
+        if self.theta_of_frames is None:
+            return np.ones(self.n_projections - 1)
+        made = np.cumsum(np.isfinite(self.theta_of_frames))
+        return np.diff(made[self.frames]).astype(np.float64)
+
     def projection(self, index: int) -> Pixels:
         """(row, column) line integrals of one projection."""
         alone: Pixels = self.source.read(np.array([index]), np.arange(self.n_rows))[0]

@@ -94,8 +94,13 @@ def together(halves: Iterable[Floats]) -> float:
 
 def no_surer_than(half_error: float, formal: Floats, bias: Floats) -> Floats:
     """(n,) one standard deviation: `formal` (n,), but what halves and assumptions show at least."""
-    excess = max(1.0, half_error / rms(formal)) if rms(formal) > 0 else 1.0
-    return np.asarray(np.hypot(excess * formal, bias))
+    return np.asarray(np.hypot(excess_of(half_error, formal) * formal, bias))
+
+
+def excess_of(half_error: float, formal: Floats) -> float:
+    """How much an error that halves show exceeds the `formal` one (n,); at least 1."""
+    said = rms(formal)
+    return max(1.0, half_error / said) if said > 0 else 1.0
 
 
 def fused(
@@ -182,14 +187,13 @@ def squared_together(changes: Sequence[Floats], n: int) -> Floats:
 
 
 def honest(said: Said, alone: Fused) -> Said:
-    """Return a source made as sure as its halves and its assumptions show it to be.
+    """Return a source made as sure as its halves show it to be.
 
-    Sources overstate themselves differently: features that are pulled alike, a map that cannot
-    hold all projections. `alone` is what the source says without the others.
+    Sources overstate themselves differently, as features that are pulled alike. What their
+    assumptions may do is in their biases: it changes few directions, and is no reason to hear less
+    about all others. `alone` is what the source says without the others.
     """
-    formal = rms(alone.formal)
-    excess = max(1.0, rms(alone.sigma) / formal) if formal > 0 else 1.0
-    return said.weaker(excess**2)
+    return said.weaker(excess_of(alone.half_error, alone.formal) ** 2)
 
 
 def as_one(solution: Fused, sources: int) -> Fused:

@@ -73,7 +73,7 @@ class Gate:
     half_measured: Annotated[float, Field(ge=0, le=1)] = 0.15
     """Fewest triplets either half must measure, in units of those that all tracks measured: halves
     that measure nothing agree on the recorded angles."""
-    sigma_share: Annotated[float, Field(gt=0)] = 0.3
+    sigma_share: Annotated[float, Field(gt=0)] = 0.45
     """Largest sigma of the refined angles, in units of the error of the recorded ones, where it
     allows for all that is known: on a smooth object all rows, used or not, err together."""
     significance: Annotated[float, Field(ge=0)] = 3.0

@@ -88,7 +88,7 @@ class FactorGraph:
         joint, single = Joint.of(here.layout), {}
         for name, factor in self.factors.items():
             if isinstance(factor, Encoder) and factor.noise.jitter:
-                joint.hear_chain(*factor.chain(recorded.theta, here.theta))
+                joint.hear_chain(*factor.chain(recorded.theta, here.theta, measurements))
             else:
                 single[name] = factor.block(recorded.theta, measurements)
         weights = {name: block.weights(here.theta) for name, block in single.items()}

@@ -69,7 +69,9 @@ def usual_steps(correction: Floats) -> Floats:
     return np.asarray(np.clip(steps, middle - reach, middle + reach))
 
 
-def lapses(recorded: Floats, correction: Floats, variances: Floats) -> tuple[Event, ...]:
+def lapses(
+    recorded: Floats, correction: Floats, variances: Floats, stage_steps: Floats | float = 1.0
+) -> tuple[Event, ...]:
     """Name the steps whose error is far outside the noise of the stage and of its measurement.
 
     Parameters
@@ -80,9 +82,11 @@ def lapses(recorded: Floats, correction: Floats, variances: Floats) -> tuple[Eve
         (n,) radians, refined minus recorded.
     variances
         (n - 1,) of the refined steps, radians squared.
+    stage_steps
+        (n - 1,) that the stage made each time: errors of several add up.
     """
     errors = np.diff(correction)
-    unknown = robust_sigma(errors) ** 2 + np.maximum(variances, 0)
+    unknown = stage_steps * robust_sigma(errors) ** 2 + np.maximum(variances, 0)
     spread = np.maximum(np.sqrt(unknown), np.deg2rad(LEAST_DEG))
     significance = np.abs(errors - np.median(errors)) / spread
     large = np.abs(np.degrees(errors)) >= LEAST_LAPSE_DEG

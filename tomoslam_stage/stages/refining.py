@@ -20,7 +20,7 @@ from tomoslam_stage.parallel import on_one_thread
 from tomoslam_stage.products import (
     STILL,
     UNKNOWNS,
-    Closures,
+    AngleMeasurements,
     Floats,
     Geometry,
     Integers,
@@ -43,7 +43,7 @@ from tomoslam_stage.reprojection import Reprojection
 from tomoslam_stage.scans import binned
 from tomoslam_stage.stages.choosing import Choice
 from tomoslam_stage.stages.sources import Outcome, Sources, counted
-from tomoslam_stage.stages.triplets import Found, TripletSolver, closed
+from tomoslam_stage.stages.triplets import Found, TripletSolver, without_tracks
 from tomoslam_stage.stages.work import Clock, SideOutputs, Work, check_axis
 from tomoslam_stage.tracks import Tracking
 
@@ -216,9 +216,9 @@ class RefineTheta:
         small, axis = unused.scan, unused.axes["recorded"]
         with clock("tracks"):
             tracks = self.tracks.track(small, axis, rows.usable)
-        loops = closed(self.closures, small, rows, Geometry(scan.theta, axis), clock)
+        besides = without_tracks(self.closures, small, rows, Geometry(scan.theta, axis), clock)
         with clock("triplets"):
-            found = self._triplets(loops).found(tracks, scan.theta, axis, small.n_rows)
+            found = self.turns(besides).found(tracks, scan.theta, axis, small.n_rows)
         shown = tracks_in(scan, small, tracks) if tracks.n_sightings else None
         with clock("gate"):
             if not found.measurements.n_measured:
@@ -226,9 +226,10 @@ class RefineTheta:
             self._judge("refined", found.solution.theta, unused)
             return Refined(self._judged(scan, found, unused), shown)
 
-    def _triplets(self, loops: Closures) -> TripletSolver:
+    def turns(self, besides: AngleMeasurements) -> TripletSolver:
+        """Return what measures triplets and solves the graph; `besides` is known without them."""
         angles = self.angles or Triplets()
-        return TripletSolver(angles, self.refinement, self.rounds, self.settled_deg, loops)
+        return TripletSolver(angles, self.refinement, self.rounds, self.settled_deg, besides)
 
     def _judged(self, scan: Scan, found: Found, unused: Unused) -> Refinement:
         evidence = weigh(scan.theta, found.halves, unused.squares)
@@ -261,19 +262,7 @@ class RefineTheta:
                 self._judge(name, geometry.theta, unused, geometry.shift)
             return unused.squares[name]
 
-        sources = Sources(
-            self.tracks,
-            self.angles,
-            self.closures,
-            self.landmarks,
-            self.mapping,
-            self.closer,
-            self.choice,
-            self.refinement,
-            self.rounds,
-            self.settled_deg,
-        )
-        outcome = sources.ask(small, rows, start, judge, clock)
+        outcome = Sources(self).ask(small, rows, start, judge, clock)
         tracks = None if outcome.tracks is None else tracks_in(scan, small, outcome.tracks)
         with clock("gate"):
             return Refined(self._weighed(scan, outcome, unused), tracks)

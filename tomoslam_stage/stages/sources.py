@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tomoslam_stage.angles import LoopClosure, Triplets
 from tomoslam_stage.heldout import Rows
 from tomoslam_stage.mapping import Mapped
 from tomoslam_stage.mapping import Mapping as MapFactor
@@ -24,7 +23,6 @@ from tomoslam_stage.products import (
     Tracks,
 )
 from tomoslam_stage.refinement import (
-    FactorGraph,
     Fused,
     Landmarks,
     Said,
@@ -36,11 +34,14 @@ from tomoslam_stage.refinement import (
     solver_with,
     stage_noise,
 )
-from tomoslam_stage.stages.choosing import FEATURES, MAP, RECORDED, USED, Choice, falls
+from tomoslam_stage.stages.choosing import FEATURES, MAP, RECORDED, USED, falls
 from tomoslam_stage.stages.landmarks import FEWEST, Placed, Turns
-from tomoslam_stage.stages.triplets import TripletSolver, closed
+from tomoslam_stage.stages.triplets import without_tracks
 from tomoslam_stage.stages.work import Clock
-from tomoslam_stage.tracks import Seen, Tracking, halves
+from tomoslam_stage.tracks import Seen, halves
+
+if TYPE_CHECKING:
+    from tomoslam_stage.stages.refining import RefineTheta
 
 CLOSE_COLUMNS = 400
 """Wider scans are binned as usual when they are looked at more closely: it would take minutes."""
@@ -91,7 +92,7 @@ class Heard:
     excess: float = 1.0
     """Residual of the worst projection in the map's account, in units of the usual one."""
     suspect: bool = False
-    """Whether that was too much at a first look: what misleads the map there may mislead all."""
+    """Whether that is too much: what misleads the map there may mislead all."""
 
     def for_report(self) -> dict[str, Any]:
         """Return the fields of an `Outcome` that only the report reads."""
@@ -102,16 +103,8 @@ class Heard:
 class Sources:
     """What is asked for the angles of a scan, and how."""
 
-    tracks: Tracking
-    angles: Triplets | None
-    closures: LoopClosure | None
-    landmarks: Landmarks | None
-    mapping: MapFactor | None
-    closer: MapFactor | None
-    choice: Choice
-    graph: FactorGraph
-    rounds: int
-    settled_deg: float
+    how: RefineTheta
+    """What the pipeline says."""
 
     def ask(self, scan: Scan, rows: Rows, start: Geometry, judge: Judge, clock: Clock) -> Outcome:
         """Ask each source on its own, then join those that are believed.
@@ -129,27 +122,24 @@ class Sources:
         clock
             Hears how long each station takes.
         """
-        heard = Heard({RECORDED: judge(RECORDED, start)})
-        loops = closed(self.closures, scan, rows, start, clock)
-        heard.counts |= {"loops closed": len(loops)} if self.closures else {}
-        measurements = replace(AngleMeasurements.none(), closures=loops)
-        if self.landmarks is not None or self.angles is not None:
+        how, heard = self.how, Heard({RECORDED: judge(RECORDED, start)})
+        measurements = without_tracks(how.closures, scan, rows, start, clock)
+        heard.counts |= {"loops closed": len(measurements.closures)} if how.closures else {}
+        if how.landmarks is not None or how.angles is not None:
             with clock("tracks"):
-                seen = self.tracks.see(scan, start.axis, rows.usable)
+                seen = how.tracks.see(scan, start.axis, rows.usable)
             heard.counts |= counted(seen.tracks)
-            if self.angles is not None:
+            if how.angles is not None:
                 with clock("triplets"):
-                    turns = TripletSolver(
-                        self.angles, self.graph, self.rounds, self.settled_deg, loops
-                    )
+                    turns = how.turns(measurements)
                     measurements, _ = turns.said(seen.tracks, start.theta, start.axis)
                 heard.counts["triplets measured"] = measurements.n_measured
-        solve = solver_with(self.graph, start, measurements)
-        if self.landmarks is not None:
+        solve = solver_with(how.refinement, start, measurements)
+        if how.landmarks is not None:
             with clock(FEATURES):
                 self._ask_features(heard, seen, scan.n_rows, start, solve)
                 self._judge(FEATURES, heard, judge)
-        if self.mapping is not None:
+        if how.mapping is not None:
             with clock(MAP):
                 begin = self._best_start(heard, start)
                 self._ask_map(heard, scan, np.flatnonzero(rows.usable), begin, solve)
@@ -161,11 +151,11 @@ class Sources:
         self, heard: Heard, seen: Seen, n_rows: int, start: Geometry, solve: Solve
     ) -> None:
         """Place the features, all of them and either half."""
-        landmarks = self.landmarks or Landmarks()
-        turns = Turns(self.tracks, landmarks, self.rounds, self.settled_deg)
+        how, landmarks = self.how, self.how.landmarks or Landmarks()
+        turns = Turns(how.tracks, landmarks, how.rounds, how.settled_deg)
         whole = turns.placed(seen, start, solve)
         if whole is None:
-            followed = seen.tracks.sighted(self.tracks.growing.fewest).n_features
+            followed = seen.tracks.sighted(how.tracks.growing.fewest).n_features
             why = f"left out: {followed} features could be followed; {FEWEST} are needed"
             heard.notes[FEATURES] = why
             return
@@ -193,20 +183,20 @@ class Sources:
         self, heard: Heard, scan: Scan, usable: Integers, begin: Geometry, solve: Solve
     ) -> None:
         """Let the reconstruction correct the angles."""
-        mapping = self.mapping or MapFactor()
+        mapping, suspect = self.how.mapping or MapFactor(), self.how.choice.suspect_excess
         mapped = mapping.refine(scan, usable, begin, solve)
-        heard.suspect = mapped is not None and mapped.excess > self.choice.suspect_excess
-        if self.closer and heard.suspect:
+        if self.how.closer and mapped is not None and mapped.excess > suspect:
             narrow = scan.n_columns <= CLOSE_COLUMNS
-            closer = self.closer if narrow else replace(self.closer, binning=mapping.binning)
+            closer = self.how.closer
+            closer = closer if narrow else replace(closer, binning=mapping.binning)
             mapped = closer.refine(scan, usable, begin, solve) or mapped
         if mapped is None:
             asked = f"{len(usable)} rows of {scan.n_projections} projections"
             heard.notes[MAP] = f"left out: {asked} say nothing about the angles"
             return
-        heard.excess = mapped.excess
+        heard.excess, heard.suspect = mapped.excess, mapped.excess > suspect
         heard.counts["map rows"] = len(mapped.rows)
-        heard.said[MAP] = said_by(mapped, self.choice.suspect_excess)
+        heard.said[MAP] = said_by(mapped, suspect)
 
     @staticmethod
     def _judge(name: str, heard: Heard, judge: Judge) -> None:
@@ -223,10 +213,10 @@ class Sources:
     def _joined(self, heard: Heard, recorded: Geometry, measurements: AngleMeasurements) -> Outcome:
         """Choose among the sources, and solve the graph with those that are believed."""
         alone = {
-            name: fused(self.graph, recorded, measurements, [said])
+            name: fused(self.how.refinement, recorded, measurements, [said])
             for name, said in heard.said.items()
         }
-        chosen = self.choice.of(alone, heard.excess, heard.squares, recorded.theta)
+        chosen = self.how.choice.of(alone, heard.excess, heard.squares, recorded.theta)
         notes = {**heard.notes, **chosen}
         # What they said takes much memory, and is not asked for again.
         used = [
@@ -240,17 +230,17 @@ class Sources:
         if heard.suspect:
             joint = as_one(joint, len(used))
         correction = joint.geometry.theta - recorded.theta
-        events = lapses(recorded.theta, correction, joint.step_variances)
+        events = lapses(recorded.theta, correction, joint.step_variances, measurements.stage_steps)
         return Outcome(joint, notes, events, noise, **heard.for_report())
 
     def _with_noise(
         self, used: Sequence[Said], recorded: Geometry, measurements: AngleMeasurements
     ) -> tuple[Fused, StageNoise | None]:
         """Solve the graph with the noise of the stage that the sources show, where they do."""
-        first = fused(self.graph, recorded, measurements, used)
-        free = fused(self.graph.doubting(), recorded, measurements, used)
+        first = fused(self.how.refinement, recorded, measurements, used)
+        free = fused(self.how.refinement.doubting(), recorded, measurements, used)
         noise = stage_noise(free.geometry.theta - recorded.theta, free.halves)
-        joint = fused(self.graph.informed(noise), recorded, measurements, used)
+        joint = fused(self.how.refinement.informed(noise), recorded, measurements, used)
         if agree(first, free, ASTRAY) and agree(first, joint, ASTRAY):
             return joint, noise
         # Far from where they looked the sources no longer say what they seem to.

@@ -9,7 +9,7 @@ import numpy as np
 from tomoslam_stage.angles import LoopClosure, Triplets
 from tomoslam_stage.geometry import spread
 from tomoslam_stage.heldout import Rows
-from tomoslam_stage.products import AngleMeasurements, Closures, Floats, Geometry, Scan, Tracks
+from tomoslam_stage.products import AngleMeasurements, Floats, Geometry, Scan, Tracks
 from tomoslam_stage.refinement import FactorGraph, Halves, Solution
 from tomoslam_stage.stages.work import Clock
 from tomoslam_stage.tracks import halves
@@ -34,8 +34,8 @@ class TripletSolver:
     graph: FactorGraph
     rounds: int
     settled_deg: float
-    closures: Closures = field(default_factory=Closures.none)
-    """Where loops close; they do not depend on tracks."""
+    besides: AngleMeasurements = field(default_factory=AngleMeasurements.none)
+    """What does not depend on tracks: where loops close, and which way the stage went."""
 
     def found(self, tracks: Tracks, recorded: Floats, axis: float, n_rows: int) -> Found:
         """Ask all tracks, and either half of them."""
@@ -60,7 +60,7 @@ class TripletSolver:
         expected = recorded
         for _ in range(self.rounds):
             triplets = self.angles.measure(tracks, expected, axis)
-            measurements = replace(triplets, closures=self.closures)
+            measurements = self.besides.joined(triplets)
             solution = self.graph.solve(recorded, measurements)
             said.append((measurements, solution))
             changes.append(float(np.rad2deg(np.abs(solution.theta - expected).max())))
@@ -72,13 +72,15 @@ class TripletSolver:
         return said[-1]
 
 
-def closed(
+def without_tracks(
     how: LoopClosure | None, scan: Scan, rows: Rows, start: Geometry, clock: Clock
-) -> Closures:
-    """Close loops, if asked, on rows that may be used."""
+) -> AngleMeasurements:
+    """Return what needs no tracks: loops closed, if asked, on rows that may be used."""
+    nothing = replace(AngleMeasurements.none(), stage_steps=scan.stage_steps)
     if how is None:
-        return Closures.none()
+        return nothing
     with clock("closures"):
         usable = np.flatnonzero(rows.usable)
         some = usable[spread(len(usable), how.rows)]
-        return how.measure(scan.sinograms(some), start.theta, start.axis)
+        loops = how.measure(scan.sinograms(some), start.theta, start.axis)
+        return replace(nothing, closures=loops)

@@ -21,6 +21,9 @@ from tomoslam_stage.tracks.linking import tracks_of
 from tomoslam_stage.tracks.matching import Matching
 from tomoslam_stage.tracks.table import KeypointTable
 
+FEWEST = 50
+"""Keypoints that a projection may give, however many projections there are."""
+
 
 @dataclass(frozen=True)
 class Seen:
@@ -52,7 +55,9 @@ class Tracking:
     """What is smoother than a Gaussian of this width, px, is taken off before detection."""
     cache: Path | None = None
     """Folder in which keypoints are kept for another run; null: none."""
-
+    most_keypoints: Annotated[int, Field(ge=1000)] = 1_000_000
+    """At most so many in all projections, which bounds the memory: the more projections, the
+    stronger the keypoints that each may give."""
     growing: Growing = field(default_factory=Growing)
     """How features are looked for once it is known where they are."""
 
@@ -72,12 +77,14 @@ class Tracking:
 
     def see(self, scan: Scan, axis: float, usable: NDArray[np.bool_]) -> Seen:
         """Follow the features of `scan`, see `track`, and keep the keypoints to look them up."""
-        everything = find_keypoints(scan, self.detector, self.background, usable, self.cache)
-        fixed = self.fixed.find(everything, scan.theta)
-        moving = [k.chosen(~mask) for k, mask in zip(everything, fixed, strict=True)]
-        runs = self.follower.runs(Sights(moving, scan.theta, axis, self.matching))
-        tracks = tracks_of(runs, moving, sum(int(mask.sum()) for mask in fixed))
-        table = KeypointTable.of(moving, self.detector.mirrored)
+        detector = self.detector.at_most(max(FEWEST, self.most_keypoints // scan.n_projections))
+        keypoints = find_keypoints(scan, detector, self.background, usable, self.cache)
+        fixed = self.fixed.find(keypoints, scan.theta)
+        for index, mask in enumerate(fixed):
+            keypoints[index] = keypoints[index].chosen(~mask)
+        runs = self.follower.runs(Sights(keypoints, scan.theta, axis, self.matching))
+        tracks = tracks_of(runs, keypoints, sum(int(mask.sum()) for mask in fixed))
+        table = KeypointTable.of(keypoints, detector.mirrored)
         return Seen(table, table.compared(tracks))
 
     def grow(

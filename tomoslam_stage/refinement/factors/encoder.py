@@ -42,24 +42,29 @@ class Encoder:
         walk = START_DEG if self.sigma_deg is None else self.sigma_deg
         return StageNoise(float(np.deg2rad(walk)), float(np.deg2rad(self.jitter_deg or 0.0)))
 
-    def block(self, theta: Floats, measurements: AngleMeasurements) -> Block:  # noqa: ARG002
+    def block(self, theta: Floats, measurements: AngleMeasurements) -> Block:
         """Return a factor for each pair of projections that follow each other, see `Factor`."""
         following = np.arange(len(theta) - 1)
+        variances = self._variances(len(following), measurements)
         return Block(
             projections=np.stack([following, following + 1], axis=1),
             jacobian=np.array([[-1.0, 1.0]]),
             measured=np.diff(theta)[:, None],
-            whitening=np.full((len(theta) - 1, 1, 1), 1 / self.noise.step),
+            whitening=(1 / np.sqrt(variances))[:, None, None],
             robust=self.robust,
         )
 
-    def chain(self, recorded: Floats, theta: Floats) -> tuple[Floats, Floats]:
+    def chain(
+        self, recorded: Floats, theta: Floats, measurements: AngleMeasurements
+    ) -> tuple[Floats, Floats]:
         """Take all steps together: neighbours err against each other where angles jitter.
 
         Parameters
         ----------
         recorded, theta
             (n,) radians.
+        measurements
+            How many steps of the stage lie in between.
 
         Returns
         -------
@@ -67,7 +72,11 @@ class Encoder:
         much they want to change (n - 1,), radians. A step that is far off has its variance raised
         (Cauchy).
         """
-        errors, noise = np.diff(theta - recorded), self.noise
-        usual = noise.step**2
+        errors = np.diff(theta - recorded)
+        usual = self._variances(len(errors), measurements)
         raised = usual * (1 + errors**2 / (self.robust**2 * usual))
-        return np.stack([raised, np.full(len(raised), -(noise.jitter**2))]), -errors
+        return np.stack([raised, np.full(len(raised), -(self.noise.jitter**2))]), -errors
+
+    def _variances(self, count: int, measurements: AngleMeasurements) -> Floats:
+        """(count,) radians squared: of the recorded differences of projections in a row."""
+        return np.asarray(self.noise.variance_after(np.ones(count) * measurements.stage_steps))

@@ -47,6 +47,10 @@ class Detector(Protocol):
         """
         ...
 
+    def at_most(self, keypoints: int) -> Detector:
+        """Return the same, but with so many keypoints, the strongest, in a projection at most."""
+        ...
+
     def mirrored(self, descriptors: Pixels) -> Pixels:
         """(k, d) descriptors of the patches that `descriptors` (k, d) see, in the mirror.
 

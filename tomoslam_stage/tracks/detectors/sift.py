@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -67,6 +68,10 @@ class Sift:
         length = np.linalg.norm(descriptor, axis=1, keepdims=True)
         unit = (descriptor / np.maximum(length, 1e-6)).astype(np.float16)
         return Keypoints(column, row, size, unit)
+
+    def at_most(self, keypoints: int) -> Sift:
+        """Limit the number of keypoints, see `Detector`."""
+        return replace(self, keypoints=min(self.keypoints, keypoints))
 
     def mirrored(self, descriptors: Pixels) -> Pixels:
         """Reverse the columns of cells and turn the orientations round, see `Detector`."""

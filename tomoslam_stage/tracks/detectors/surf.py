@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -44,6 +45,10 @@ class Surf:
         place = found[strongest, :3]
         row, column, size = (mended(place, octave[strongest]) if self.mended else place).T
         return Keypoints(column, row, size, describe(grey, column, row, size))
+
+    def at_most(self, keypoints: int) -> Surf:
+        """Limit the number of keypoints, see `Detector`."""
+        return replace(self, keypoints=min(self.keypoints, keypoints))
 
     def mirrored(self, descriptors: Pixels) -> Pixels:
         """Reverse the columns of cells and the sign of what changes along them, see `Detector`."""
