@@ -74,3 +74,11 @@ def test_shifts_are_told_in_px_of_the_file_and_not_for_frames_left_out() -> None
     assert np.isnan(told).sum() == 7
     every = replace(some, theta_of_frames=None)
     np.testing.assert_array_equal(shift_in_file(every, shift), 2 * shift)
+
+
+def test_the_stage_steps_on_while_frames_are_left_out_but_not_for_flats() -> None:
+    every = np.deg2rad([0.0, 1, 2, 3, np.nan, np.nan, 4, 5])
+    scan = scan_of_frames([0, 1, 3, 6], every)
+    np.testing.assert_array_equal(scan.stage_steps, [1, 2, 1])
+    whole = replace(scan, theta_of_frames=None)
+    np.testing.assert_array_equal(whole.stage_steps, [1, 1, 1])

@@ -227,3 +227,19 @@ def test_steps_of_a_stage_without_jitter_are_the_factors_of_single_steps(
     for name in ("information", "pull"):
         one, other = getattr(chained, name), getattr(single, name)
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("jitter_deg", [0.0, 0.1])
+def test_the_encoder_holds_projections_less_with_more_steps_in_between(
+    recorded: Geometry, jitter_deg: float
+) -> None:
+    encoder = Encoder(sigma_deg=0.2, jitter_deg=jitter_deg)
+    steps = np.ones(N - 1)
+    steps[4] = 9
+    known = replace(NONE, stage_steps=steps)
+    variances = np.deg2rad(0.2) ** 2 * steps + 2 * np.deg2rad(jitter_deg) ** 2
+    whitening = encoder.block(recorded.theta, known).whitening[:, 0, 0]
+    np.testing.assert_allclose(whitening**-2, variances)
+    covariance, wanted = encoder.chain(recorded.theta, recorded.theta, known)
+    np.testing.assert_allclose(covariance[0], variances)
+    np.testing.assert_allclose(wanted, 0)

@@ -138,3 +138,13 @@ def test_what_no_step_is_sure_to_have_is_not_named() -> None:
 def test_what_is_smaller_than_any_event_is_not_named_however_sure() -> None:
     lapse = np.deg2rad(0.09) * (np.arange(N) >= 200)
     assert not lapses(RECORDED, lapse, np.zeros(N - 1))
+
+
+def test_many_steps_of_a_walk_between_two_projections_are_no_lapse() -> None:
+    steps = np.ones(N - 1)
+    steps[119] = 100
+    walk = np.deg2rad(0.05) * np.random.default_rng(1).standard_normal(N - 1)
+    walk[119] = np.deg2rad(0.05 * 10)
+    error = np.append(0, np.cumsum(walk))
+    assert [e.projection for e in lapses(RECORDED, error, UNSURE_STEPS / 100)] == [120]
+    assert not lapses(RECORDED, error, UNSURE_STEPS / 100, steps)

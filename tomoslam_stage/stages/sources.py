@@ -122,30 +122,46 @@ class Sources:
         clock
             Hears how long each station takes.
         """
-        how, heard = self.how, Heard({RECORDED: judge(RECORDED, start)})
-        measurements = without_tracks(how.closures, scan, rows, start, clock)
-        heard.counts |= {"loops closed": len(measurements.closures)} if how.closures else {}
-        if how.landmarks is not None or how.angles is not None:
-            with clock("tracks"):
-                seen = how.tracks.see(scan, start.axis, rows.usable)
-            heard.counts |= counted(seen.tracks)
-            if how.angles is not None:
-                with clock("triplets"):
-                    turns = how.turns(measurements)
-                    measurements, _ = turns.said(seen.tracks, start.theta, start.axis)
-                heard.counts["triplets measured"] = measurements.n_measured
-        solve = solver_with(how.refinement, start, measurements)
-        if how.landmarks is not None:
+        heard = Heard({RECORDED: judge(RECORDED, start)})
+        measurements = self._ask_tracks(heard, scan, rows, start, clock)
+        if FEATURES in heard.said:
             with clock(FEATURES):
-                self._ask_features(heard, seen, scan.n_rows, start, solve)
-                self._judge(FEATURES, heard, judge)
-        if how.mapping is not None:
+                heard.squares[FEATURES] = judge(FEATURES, heard.said[FEATURES].geometry)
+        if self.how.mapping is not None:
+            solve = solver_with(self.how.refinement, start, measurements)
             with clock(MAP):
                 begin = self._best_start(heard, start)
                 self._ask_map(heard, scan, np.flatnonzero(rows.usable), begin, solve)
-                self._judge(MAP, heard, judge)
+                if MAP in heard.said:
+                    heard.squares[MAP] = judge(MAP, heard.said[MAP].geometry)
         with clock("graph"):
             return self._joined(heard, start, measurements)
+
+    def _ask_tracks(
+        self, heard: Heard, scan: Scan, rows: Rows, start: Geometry, clock: Clock
+    ) -> AngleMeasurements:
+        """Follow features, measure triplets, and place the features; return what is measured.
+
+        The keypoints, which take much memory, are not kept.
+        """
+        how = self.how
+        measurements = without_tracks(how.closures, scan, rows, start, clock)
+        heard.counts |= {"loops closed": len(measurements.closures)} if how.closures else {}
+        if how.landmarks is None and how.angles is None:
+            return measurements
+        with clock("tracks"):
+            seen = how.tracks.see(scan, start.axis, rows.usable)
+        heard.counts |= counted(seen.tracks)
+        if how.angles is not None:
+            with clock("triplets"):
+                turns = how.turns(measurements)
+                measurements, _ = turns.said(seen.tracks, start.theta, start.axis)
+            heard.counts["triplets measured"] = measurements.n_measured
+        if how.landmarks is not None:
+            solve = solver_with(how.refinement, start, measurements)
+            with clock(FEATURES):
+                self._ask_features(heard, seen, scan.n_rows, start, solve)
+        return measurements
 
     def _ask_features(
         self, heard: Heard, seen: Seen, n_rows: int, start: Geometry, solve: Solve
@@ -197,11 +213,6 @@ class Sources:
         heard.excess, heard.suspect = mapped.excess, mapped.excess > suspect
         heard.counts["map rows"] = len(mapped.rows)
         heard.said[MAP] = said_by(mapped, suspect)
-
-    @staticmethod
-    def _judge(name: str, heard: Heard, judge: Judge) -> None:
-        if name in heard.said:
-            heard.squares[name] = judge(name, heard.said[name].geometry)
 
     @staticmethod
     def _best_start(heard: Heard, start: Geometry) -> Geometry:
