@@ -38,6 +38,8 @@ class Said:
 
     def weaker(self, less: float) -> Said:
         """Return the same, told with so many times less information."""
+        if less == 1:
+            return self
         said = self.quadratic
         return replace(
             self,
@@ -97,10 +99,10 @@ def no_surer_than(half_error: float, formal: Floats, bias: Floats) -> Floats:
     return np.asarray(np.hypot(excess_of(half_error, formal) * formal, bias))
 
 
-def excess_of(half_error: float, formal: Floats) -> float:
-    """How much an error that halves show exceeds the `formal` one (n,); at least 1."""
+def excess_of(error: float, formal: Floats) -> float:
+    """How much an `error` exceeds the `formal` one (n,); at least 1."""
     said = rms(formal)
-    return max(1.0, half_error / said) if said > 0 else 1.0
+    return max(1.0, error / said) if said > 0 else 1.0
 
 
 def fused(
@@ -189,11 +191,19 @@ def squared_together(changes: Sequence[Floats], n: int) -> Floats:
 def honest(said: Said, alone: Fused) -> Said:
     """Return a source made as sure as its halves show it to be.
 
-    Sources overstate themselves differently, as features that are pulled alike. What their
-    assumptions may do is in their biases: it changes few directions, and is no reason to hear less
-    about all others. `alone` is what the source says without the others.
+    Sources overstate themselves differently, as features that are pulled alike. `alone` is what
+    the source says without the others.
     """
     return said.weaker(excess_of(alone.half_error, alone.formal) ** 2)
+
+
+def doubtful(said: Said, alone: Fused) -> Said:
+    """Return a source made as sure as its halves and its assumptions show it to be.
+
+    What an assumption may do changes few directions. So this hears less about all others, too, and
+    is for where nothing else keeps those few in place.
+    """
+    return said.weaker(excess_of(rms(alone.sigma), alone.formal) ** 2)
 
 
 def as_one(solution: Fused, sources: int) -> Fused:
