@@ -4,16 +4,7 @@ To add a factor, write it in `factors`.
 """
 
 from tomoslam_stage.refinement.factors import FACTORS
-from tomoslam_stage.refinement.fusing import (
-    Fused,
-    Said,
-    agree,
-    as_one,
-    doubtful,
-    fused,
-    honest,
-    solver_with,
-)
+from tomoslam_stage.refinement.fusing import Fused, Said, agree, as_one, fused, honest, solver_with
 from tomoslam_stage.refinement.gate import (
     Halves,
     Verdict,
@@ -39,7 +30,6 @@ __all__ = [
     "Verdict",
     "agree",
     "as_one",
-    "doubtful",
     "evidence_of",
     "fused",
     "gain_sigma",

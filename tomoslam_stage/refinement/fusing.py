@@ -191,19 +191,11 @@ def squared_together(changes: Sequence[Floats], n: int) -> Floats:
 def honest(said: Said, alone: Fused) -> Said:
     """Return a source made as sure as its halves show it to be.
 
-    Sources overstate themselves differently, as features that are pulled alike. `alone` is what
-    the source says without the others.
+    Sources overstate themselves differently, as features that are pulled alike. What their
+    assumptions may do is in their biases: it changes few directions, and is no reason to hear less
+    about all others. `alone` is what the source says without the others.
     """
     return said.weaker(excess_of(alone.half_error, alone.formal) ** 2)
-
-
-def doubtful(said: Said, alone: Fused) -> Said:
-    """Return a source made as sure as its halves and its assumptions show it to be.
-
-    What an assumption may do changes few directions. So this hears less about all others, too, and
-    is for where nothing else keeps those few in place.
-    """
-    return said.weaker(excess_of(rms(alone.sigma), alone.formal) ** 2)
 
 
 def as_one(solution: Fused, sources: int) -> Fused:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tomoslam_stage.geometry import rms
 from tomoslam_stage.heldout import Rows
 from tomoslam_stage.mapping import Mapped
 from tomoslam_stage.mapping import Mapping as MapFactor
@@ -29,7 +28,6 @@ from tomoslam_stage.refinement import (
     Said,
     agree,
     as_one,
-    doubtful,
     fused,
     honest,
     lapses,
@@ -47,8 +45,6 @@ if TYPE_CHECKING:
 
 CLOSE_COLUMNS = 400
 """Wider scans are binned as usual when they are looked at more closely: it would take minutes."""
-SURER = 2.0
-"""How many times surer the angles must be where less is heard of all sources."""
 ASTRAY = 3.0
 """Standard deviations by which another noise of the stage may change the angles."""
 
@@ -233,35 +229,20 @@ class Sources:
         }
         chosen = self.how.choice.of(alone, heard.excess, heard.squares, recorded.theta)
         notes = {**heard.notes, **chosen}
-        used = {name: heard.said.pop(name) for name, note in chosen.items() if note == USED}
-        heard.said.clear()  # it takes much memory, and is not asked for again
+        # What they said takes much memory, and is not asked for again.
+        used = [
+            honest(heard.said.pop(name), alone[name])
+            for name, note in chosen.items()
+            if note == USED
+        ]
         if not used:
             return Outcome(None, notes, **heard.for_report())
-        joint, noise = self._surest(used, alone, recorded, measurements)
+        joint, noise = self._with_noise(used, recorded, measurements)
         if heard.suspect:
             joint = as_one(joint, len(used))
         correction = joint.geometry.theta - recorded.theta
         events = lapses(recorded.theta, correction, joint.step_variances, measurements.stage_steps)
         return Outcome(joint, notes, events, noise, **heard.for_report())
-
-    def _surest(
-        self,
-        used: Mapping[str, Said],
-        alone: Mapping[str, Fused],
-        recorded: Geometry,
-        measurements: AngleMeasurements,
-    ) -> tuple[Fused, StageNoise | None]:
-        """Hear less of sources whose assumptions leave the angles open, where that is surer."""
-        joint, noise = self._with_noise(
-            [honest(said, alone[name]) for name, said in used.items()], recorded, measurements
-        )
-        if rms(joint.bias) < rms(joint.formal):
-            return joint, noise
-        less, its_noise = self._with_noise(
-            [doubtful(said, alone[name]) for name, said in used.items()], recorded, measurements
-        )
-        surer = SURER * rms(less.sigma) < rms(joint.sigma)
-        return (less, its_noise) if surer else (joint, noise)
 
     def _with_noise(
         self, used: Sequence[Said], recorded: Geometry, measurements: AngleMeasurements
