@@ -100,6 +100,11 @@ CASES: dict[str, tuple[str, str]] = {
         "5: refine_theta.mapping.strengths.1: a switch (true, false, yes, no, on, off) does not "
         "fit; a number is needed.",
     ),
+    "nothing to choose from": (
+        refine("{closer: {faintest: []}}"),
+        "5: refine_theta.closer.faintest: [] does not fit: Tuple should have at least 1 item after "
+        "validation, not 0.",
+    ),
     "a list for a number": (
         entry("load_scan", "{binning: [1]}"),
         "3: load_scan.binning: [1] does not fit: Input should be a valid integer.",

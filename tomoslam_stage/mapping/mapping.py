@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import numpy as np
 from pydantic import Field
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from tomoslam_stage.mapping.looking import Look
     from tomoslam_stage.products import Pixels, Scan, Solve
 
+Strengths: TypeAlias = Annotated[tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=1)]
+Shares: TypeAlias = Annotated[tuple[Annotated[float, Field(ge=0, lt=1)], ...], Field(min_length=1)]
 FEWEST_ROWS = 4
 """Fewer do not show by their scatter how sure they are."""
 FEWEST_PROJECTIONS = 20
@@ -84,11 +86,11 @@ class Mapping:
     """Most steps with those."""
     probe_rows: Annotated[int, Field(ge=FEWEST_ROWS)] = 8
     """Rows that show how the pull answers to changes, and how strong the prior may be."""
-    strengths: tuple[Annotated[float, Field(ge=0)], ...] = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.15)
+    strengths: Strengths = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.15)
     """Of the total variation, in standard deviations of the map; left-out projections choose."""
     blurs: tuple[Annotated[float, Field(ge=0)], ...] = (0.0,)
     """Px: standard deviation of the detector's blur, to be mended; left-out projections choose."""
-    faintest: tuple[Annotated[float, Field(ge=0, lt=1)], ...] = (0.0,)
+    faintest: Shares = (0.0,)
     """Share of the densest place of a slice below which there is air, made empty; left-out
     projections choose. 0: nothing in the map is negative; total variation is for that alone."""
     wide: Annotated[float, Field(ge=1)] = 1.5

@@ -77,7 +77,9 @@ class Outcome:
 class Heard:
     """What the sources have said so far."""
 
-    squares: dict[str, Floats]
+    judge: Judge
+    """Reprojects rows that were not used."""
+    squares: dict[str, Floats] = field(default_factory=dict)
     """By name of the angles: (r, n) mean squared residual on unused rows."""
     said: dict[str, Said] = field(default_factory=dict)
     """By name of the source."""
@@ -93,6 +95,11 @@ class Heard:
     """Residual of the worst projection in the map's account, in units of the usual one."""
     suspect: bool = False
     """Whether that is too much: what misleads the map there may mislead all."""
+
+    def hear(self, name: str, said: Said) -> None:
+        """Take what a source said, and how well unused rows reproject with it."""
+        self.said[name] = said
+        self.squares[name] = self.judge(name, said.geometry)
 
     def for_report(self) -> dict[str, Any]:
         """Return the fields of an `Outcome` that only the report reads."""
@@ -122,18 +129,13 @@ class Sources:
         clock
             Hears how long each station takes.
         """
-        heard = Heard({RECORDED: judge(RECORDED, start)})
+        heard = Heard(judge, {RECORDED: judge(RECORDED, start)})
         measurements = self._ask_tracks(heard, scan, rows, start, clock)
-        if FEATURES in heard.said:
-            with clock(FEATURES):
-                heard.squares[FEATURES] = judge(FEATURES, heard.said[FEATURES].geometry)
         if self.how.mapping is not None:
             solve = solver_with(self.how.refinement, start, measurements)
             with clock(MAP):
                 begin = self._best_start(heard, start)
                 self._ask_map(heard, scan, np.flatnonzero(rows.usable), begin, solve)
-                if MAP in heard.said:
-                    heard.squares[MAP] = judge(MAP, heard.said[MAP].geometry)
         with clock("graph"):
             return self._joined(heard, start, measurements)
 
@@ -187,13 +189,14 @@ class Sources:
         ended, quadratic = whole.adjusted.geometry, whole.adjusted.quadratic()
         ends = [landmarks.adjust(half, ended, solve) for half in parts]
         apart = ends[0].geometry.since(ends[1].geometry)
-        heard.said[FEATURES] = Said(
+        said = Said(
             geometry=ended,
             quadratic=quadratic,
             # Each half has half of the information; its pull leads to where it ended.
             halves=quadratic.information @ apart / 2,
             biases=np.zeros((0, len(apart))),
         )
+        heard.hear(FEATURES, said)
 
     def _ask_map(
         self, heard: Heard, scan: Scan, usable: Integers, begin: Geometry, solve: Solve
@@ -212,7 +215,7 @@ class Sources:
             return
         heard.excess, heard.suspect = mapped.excess, mapped.excess > suspect
         heard.counts["map rows"] = len(mapped.rows)
-        heard.said[MAP] = said_by(mapped, suspect)
+        heard.hear(MAP, said_by(mapped, suspect))
 
     @staticmethod
     def _best_start(heard: Heard, start: Geometry) -> Geometry:
