@@ -18,6 +18,7 @@ from tomoslam_stage.images import robust_scale
 from tomoslam_stage.methods import method
 from tomoslam_stage.parallel import on_one_thread
 from tomoslam_stage.products import Features, Floats, Geometry, Quadratic
+from tomoslam_stage.refinement.crowding import crowding
 from tomoslam_stage.refinement.elimination import eliminated
 from tomoslam_stage.refinement.leaning import hear_rows
 from tomoslam_stage.refinement.sightings import Sightings
@@ -75,7 +76,8 @@ class Landmarks:
 
         `solve` answers what the graph makes of the quadratic at a geometry. It hears the sightings
         as if they erred independently; what is returned is made less sure for errors that are
-        correlated along tracks. Where it finds no answer, NaN, the geometry stays as it is.
+        correlated along tracks, or shared by a projection (`crowding`). Where it finds no answer,
+        NaN, the geometry stays as it is.
         """
         if tracks.n_sightings == 0:
             return nothing_seen(start)
@@ -121,7 +123,9 @@ class Landmarks:
         in_order = np.argsort(sightings.order)
 
         def quadratic() -> Quadratic:
-            said = eliminated(sightings, geometry, position, weights / inflation).quadratic
+            sure = weights / inflation
+            sure /= crowding(sightings, geometry, position, sure)[sightings.projection]
+            said = eliminated(sightings, geometry, position, sure).quadratic
             hear_rows(said, sightings, geometry, self, inflation)
             return said
 
