@@ -7,7 +7,7 @@ import pytest
 
 from tomoslam_stage.frames import of_all_frames, shift_in_file
 from tomoslam_stage.products import Scan, StageNoise
-from tomoslam_stage.scans import ArraySource
+from tomoslam_stage.scans import ArraySource, only
 
 RECORDED = np.radians(np.arange(10) * 2.0)
 
@@ -82,3 +82,6 @@ def test_the_stage_steps_on_while_frames_are_left_out_but_not_for_flats() -> Non
     np.testing.assert_array_equal(scan.stage_steps, [1, 2, 1])
     whole = replace(scan, theta_of_frames=None)
     np.testing.assert_array_equal(whole.stage_steps, [1, 1, 1])
+    some, all_of_them = np.array([0, 2, 3]), replace(whole, frames=np.arange(4))
+    np.testing.assert_array_equal(only(scan, some).stage_steps, [3, 1])
+    np.testing.assert_array_equal(only(all_of_them, some).stage_steps, [2, 1])

@@ -10,6 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from tomoslam_stage.mapping.blurring import hidden
+from tomoslam_stage.mapping.looking import USUAL
 from tomoslam_stage.mapping.reading import Reading, likeliest
 
 if TYPE_CHECKING:
@@ -90,9 +91,19 @@ def test_rows_that_are_not_usable_are_not_looked_at(
 def test_left_out_projections_tell_whether_intensities_were_blurred(
     thick: tuple[Pixels, Pixels, Known],
 ) -> None:
-    found = {
-        name: likeliest(reading(values, thick[2]), ROWS, thick[2].true, BLURS)
-        for name, values in zip(("none", "blurred"), thick[:2], strict=True)
-    }
+    found = {}
+    for name, values in zip(("none", "blurred"), thick[:2], strict=True):
+        how = reading(values, thick[2])
+        rows = replace(how.observed(ROWS), strength=USUAL)
+        found[name] = likeliest(how, rows, thick[2].true, BLURS)
     assert found["none"] == 0
     assert 0.5 <= found["blurred"] <= 0.7
+
+
+def test_rows_mended_otherwise_make_maps_in_the_same_way(
+    thick: tuple[Pixels, Pixels, Known],
+) -> None:
+    how = reading(thick[1], thick[2])
+    again = how.mended(replace(how.observed(ROWS), faintest=0.1, strength=0.0), BLUR)
+    assert (again.blur, again.faintest, again.strength) == (BLUR, 0.1, 0.0)
+    np.testing.assert_array_equal(again.sinograms, how.observed(ROWS, BLUR).sinograms)

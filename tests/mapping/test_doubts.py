@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.mapping.looking import Look
-from tomoslam_stage.mapping.weighing import doubts, misfits
-from tomoslam_stage.products import Floats, Geometry
+from tomoslam_stage.mapping.weighing import doubts, misfits, variances
+from tomoslam_stage.products import UNKNOWNS, Floats, Geometry
 
 THETA = np.deg2rad(np.arange(0.0, 360.0))
 
@@ -22,7 +22,7 @@ def test_projections_within_eight_degrees_of_a_bad_stretch_are_doubted(mixed: np
     squares = np.ones((5, 360))
     squares[:, 100:104] = 3.0
     theta, squares = THETA[mixed], squares[:, mixed]
-    factors = doubts(seen(squares), Geometry(theta, 0.0), 0.5)[:360][np.argsort(mixed)]
+    factors = doubts(seen(squares), theta, 0.5)[np.argsort(mixed)]
     np.testing.assert_allclose(factors[93:111], 1 + ((3 - 1.3) / 0.5) ** 2)
     np.testing.assert_allclose(factors[:92], 1)
     np.testing.assert_allclose(factors[112:], 1)
@@ -31,7 +31,7 @@ def test_projections_within_eight_degrees_of_a_bad_stretch_are_doubted(mixed: np
 def test_one_odd_projection_and_usual_scatter_are_not_doubted() -> None:
     squares = np.random.default_rng(4).uniform(0.9, 1.1, (5, 360))
     squares[:, 7] = 9.0
-    np.testing.assert_allclose(doubts(seen(squares), Geometry(THETA, 0.0), 0.5), 1)
+    np.testing.assert_allclose(doubts(seen(squares), THETA, 0.5), 1)
 
 
 def test_rows_that_were_smoothed_tell_what_others_would() -> None:
@@ -41,3 +41,27 @@ def test_rows_that_were_smoothed_tell_what_others_would() -> None:
     np.testing.assert_allclose(
         misfits(seen(smoothed, 0.375), THETA), misfits(seen(plain), THETA), rtol=1e-12
     )
+
+
+@pytest.mark.parametrize("unknowns", [UNKNOWNS[:3], UNKNOWNS])
+def test_angles_are_as_unsure_as_rows_scatter_around_them(unknowns: tuple[str, ...]) -> None:
+    geometry = Geometry(THETA, 0.0, unknowns=unknowns)
+    size, rng = geometry.layout.size, np.random.default_rng(8)
+    thick = np.abs(THETA - THETA[100]) < np.deg2rad(20)
+    sigma = np.ones(size)
+    sigma[:360] += 3 * thick
+    pulls = sigma * rng.standard_normal((64, size))
+    nothing = np.zeros(0)
+    look = Look(pulls, nothing, np.ones((64, 360)), nothing, nothing)
+    curvature = 4 * 64 * np.eye(size)
+    found = variances(look, geometry, curvature, 0.5)
+    np.testing.assert_allclose(found[:360][thick][9:-9], 16 / 4, rtol=0.25)
+    np.testing.assert_allclose(found[130:360], 1 / 4, rtol=0.25)
+    np.testing.assert_allclose(found[360:362], np.median(found[:360]))
+    np.testing.assert_array_equal(found[362:], found[:360][: size - 362])
+
+
+def test_rows_that_agree_to_the_last_digit_are_not_believed_to_it() -> None:
+    geometry, nothing = Geometry(THETA, 0.0), np.zeros(0)
+    look = Look(np.ones((8, 362)), nothing, np.full((8, 360), 2.0), nothing, nothing)
+    assert variances(look, geometry, np.eye(362), 0.5).min() == pytest.approx(2e-3)

@@ -54,6 +54,11 @@ def test_walk_and_jitter_are_told_from_each_other(walk: float, jitter: float) ->
     assert np.rad2deg(np.mean([f.step for f in found])) == pytest.approx(np.sqrt(step), rel=0.1)
 
 
+def test_the_walk_is_that_of_a_step_where_the_stage_made_several_in_between() -> None:
+    found = [stage_noise(*measured(errors(0.05, 0.0, s)), stage_steps=4.0) for s in range(6)]
+    assert np.rad2deg(np.mean([f.walk for f in found])) == pytest.approx(0.025, rel=0.1)
+
+
 def test_errors_of_the_measurement_are_not_blamed_on_the_stage() -> None:
     found = [stage_noise(*measured(np.zeros(N), s)) for s in range(6)]
     exact = np.zeros((1, N))

@@ -27,6 +27,7 @@ RECORDED_ANGLES = TRUE + np.deg2rad(LOST_DEG) * (np.arange(N) >= 20)
 START = Geometry(RECORDED_ANGLES, axis=20.0, middle=15.5)
 SCAN = SimpleNamespace(n_rows=ROWS, n_projections=N, stage_steps=np.ones(N - 1))
 USABLE = np.arange(ROWS) % 8 != 3
+MADE = SimpleNamespace()
 SIGMA_DEG = 0.03
 
 
@@ -102,7 +103,7 @@ class Mapping:
             row_pulls=self.row_pulls,
             bias_pulls=self.bias_pulls,
             excess=self.excess,
-            rows=np.arange(6),
+            made=MADE,
         )
 
 

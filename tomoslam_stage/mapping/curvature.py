@@ -122,7 +122,7 @@ def _by_projections(answer: Callable[[Floats], Floats], geometry: Geometry, star
     """
     layout, theta = geometry.layout, geometry.theta
     order = np.argsort(np.mod(theta, np.pi), kind="stable")
-    known = _conditional(start, layout)
+    known = conditional_curvature(start, layout)
     side = _sides(theta, layout)
     curvature: Floats = known.toarray()
     for entries, step in zip(layout.own, (AMPLITUDE, AXIS_STEP), strict=False):
@@ -140,7 +140,7 @@ def _by_projections(answer: Callable[[Floats], Floats], geometry: Geometry, star
     return curvature
 
 
-def _conditional(look: Look, layout: Layout) -> Any:
+def conditional_curvature(look: Look, layout: Layout) -> Any:
     """(k, k) sparse curvature of angles and shifts, were the map to stay as it is."""
     from scipy.sparse import csr_array
 

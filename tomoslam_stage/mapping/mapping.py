@@ -11,7 +11,8 @@ from pydantic import Field
 
 from tomoslam_stage.geometry import rms_difference, spread
 from tomoslam_stage.mapping.curvature import Place, looks_needed, probed
-from tomoslam_stage.mapping.looking import Observed, emptiest, strongest
+from tomoslam_stage.mapping.looking import USUAL, Observed, emptiest, strongest
+from tomoslam_stage.mapping.placing import Made
 from tomoslam_stage.mapping.reading import Reading, likeliest
 from tomoslam_stage.mapping.stepping import Stepping, weighed
 from tomoslam_stage.mapping.weighing import misfits
@@ -36,8 +37,8 @@ WEAKEST = 0.01
 """Strength of the prior that none is compared with."""
 FARTHEST = np.deg2rad(20)
 """Radians, rms: a map that goes farther from where it began has lost its way."""
-DOUBTED_BLUR = 0.05
-"""Px: how far the blur of intensities may be off, as it acts on thick edges."""
+DOUBTED_BLUR = 0.035
+"""Px: how far the blur of intensities may be off: so much on boards simulated with four others."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,8 @@ class Mapped:
     bias_pulls: Floats
     """(b, k) by how much the pull would change with half as strong a prior for the map, where there
     may be one; and, where a blur was looked for, with somewhat more of it."""
-    rows: Integers
-    """(r,) rows of the scan that were used."""
-    strength: float
-    """Of the total variation, in standard deviations of the map."""
+    made: Made
+    """How the map was made."""
 
 
 @method
@@ -111,8 +110,8 @@ class Mapping:
         return cls(
             binning=1,
             rows=64,
-            blurs=(0.0, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0),
-            faintest=(0.0, 0.02, 0.05, 0.1, 0.2),
+            blurs=(0.0, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
+            faintest=(0.0, 0.02, 0.05, 0.1),
             strengths=(0.0, 0.01, 0.02, 0.03, 0.05),
             misfit=0.25,
         )
@@ -167,7 +166,7 @@ class Mapping:
         if last is None or rms_difference(last.geometry.theta, start.theta) > FARTHEST:
             return None
         otherwise = [counted(o, looks)(last.geometry) for o in self._otherwise(reading, many)]
-        ended = self._mapped(many, last, otherwise)
+        ended = self._mapped(reading, many, last, otherwise)
         deque(looks, maxlen=0)
         return ended
 
@@ -176,14 +175,17 @@ class Mapping:
 
         Of the strengths, the largest that is as good as the best.
         """
-        if len(self.blurs) > 1:
-            blur = likeliest(reading, rows.part(self.probe_rows).rows, geometry, self.blurs)
-            rows = reading.observed(rows.rows, blur)
-        part, faintest = rows.part(self.probe_rows), self.faintest[0]
+        faintest = self.faintest[0]
         if len(self.faintest) > 1:
-            faintest = emptiest(part, geometry, self.faintest)
+            faintest = emptiest(rows.part(self.probe_rows), geometry, self.faintest)
+        # Thin layers blur like the detector; only where the air is empty can these be told apart.
+        rows = replace(rows, faintest=faintest, strength=0.0 if faintest else USUAL)
+        if len(self.blurs) > 1:
+            blur = likeliest(reading, rows.part(self.probe_rows), geometry, self.blurs)
+            rows = reading.mended(rows, blur)
         if faintest:
-            return replace(rows, faintest=faintest)
+            return rows
+        part = rows.part(self.probe_rows)
         return replace(rows, strength=strongest(part, geometry, self.strengths))
 
     def _otherwise(self, reading: Reading, rows: Observed) -> Iterator[Observed]:
@@ -191,10 +193,11 @@ class Mapping:
         if not rows.faintest:
             yield replace(rows, strength=rows.strength / 2 or WEAKEST)
         if len(self.blurs) > 1:
-            more = reading.observed(rows.rows, rows.blur + DOUBTED_BLUR)
-            yield replace(more, strength=rows.strength, faintest=rows.faintest)
+            yield reading.mended(rows, rows.blur + DOUBTED_BLUR)
 
-    def _mapped(self, rows: Observed, place: Place, otherwise: list[Look]) -> Mapped | None:
+    def _mapped(
+        self, reading: Reading, rows: Observed, place: Place, otherwise: list[Look]
+    ) -> Mapped | None:
         """Return what is known at the end, and what it would be had we assumed otherwise."""
         look = place.look
         biases = [other.pull[None] - look.pull for other in otherwise]
@@ -206,8 +209,7 @@ class Mapping:
             float(misfits(look, place.geometry.theta).max()),
             look.squares,
             said.pulls[len(rows.rows) :],
-            rows.rows,
-            rows.strength,
+            Made(reading, rows, said.variance[place.geometry.layout.angles]),
         )
         numbers = (said.quadratic.information, ended.row_pulls, ended.bias_pulls)
         return ended if all(np.isfinite(some).all() for some in numbers) else None

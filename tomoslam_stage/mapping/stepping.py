@@ -9,7 +9,13 @@ import numpy as np
 
 from tomoslam_stage.mapping.curvature import Place, learn
 from tomoslam_stage.mapping.looking import Look
-from tomoslam_stage.mapping.weighing import doubts, formal_sigma, noise, whitened
+from tomoslam_stage.mapping.weighing import (
+    doubts,
+    formal_sigma,
+    noise,
+    variances,
+    whitened,
+)
 from tomoslam_stage.products import Floats, Geometry, Layout, Quadratic, Solve
 
 LONGEST = np.deg2rad(1.0)
@@ -34,6 +40,8 @@ class Weighed:
     """Information and pull."""
     pulls: Floats
     """(m, k) that were asked for, too."""
+    variance: Floats
+    """(k,) of the pull, in units of the curvature, squared line integrals."""
     weights: Floats
     """(n,) of the projections' residuals, one where they fit best."""
 
@@ -44,15 +52,17 @@ def weighed(place: Place, misfit: float | None, pulls: Floats | None = None) -> 
     So are `pulls` (m, k), if there are any.
     """
     layout, look = place.geometry.layout, place.look
-    factors = np.ones(layout.size)
-    if misfit is not None:
-        factors = doubts(look, place.geometry, misfit)
-    variance = noise(look, place.curvature) * factors
+    if misfit is None:
+        each = np.average(
+            noise(look, place.curvature), weights=np.diag(place.curvature)[: layout.n]
+        )
+        variance, weights = np.full(layout.size, each), np.ones(layout.n)
+    else:
+        variance = variances(look, place.geometry, place.curvature, misfit)
+        weights = 1 / doubts(look, place.geometry.theta, misfit)
     asked = look.pull[None] if pulls is None else np.vstack([look.pull, pulls])
     information, told = whitened(place.curvature, variance, asked)
-    of_projections = factors[layout.angles]
-    weights = of_projections.min() / of_projections
-    return Weighed(Quadratic(information, told[0]), told[1:], weights)
+    return Weighed(Quadratic(information, told[0]), told[1:], variance, weights / weights.max())
 
 
 @dataclass(frozen=True)

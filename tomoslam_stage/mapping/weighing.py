@@ -10,6 +10,8 @@ from tomoslam_stage.geometry import around, within_turn
 from tomoslam_stage.symmetric import add_gram, factorised, halfway, inverse, solved
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tomoslam_stage.mapping.looking import Look
     from tomoslam_stage.products import Floats, Geometry, Layout
 
@@ -37,38 +39,64 @@ def misfits(look: Look, theta: Floats) -> Floats:
     return np.asarray(1 + look.noise_left * (smooth / np.median(smooth) - 1))
 
 
-def noise(look: Look, curvature: Floats) -> float:
-    """Variance of the pull, in units of the curvature, squared line integrals: rows scatter."""
-    n = look.squares.shape[1]
-    scatter = len(look.pulls) * look.pulls[:, :n].var(axis=0, ddof=1).mean()
-    least = LEAST_SCATTER * look.squares.mean()
-    return float(max(scatter / np.diag(curvature)[:n].mean(), least))
+def noise(look: Look, curvature: Floats) -> Floats:
+    """(n,) variance of the pull of each angle, in units of the curvature: rows scatter.
 
-
-def doubts(look: Look, geometry: Geometry, scale: float) -> Floats:
-    """(k,) factors by which misfit of projections raises the noise of what they say.
-
-    An excess of `scale` medians doubles it; the axis and the roll get the median. Projections near
-    one that does not fit are doubted with it: it spoils the map for them.
+    Squared line integrals.
     """
-    over = np.maximum(misfits(look, geometry.theta) - ORDINARY, 0) / scale
-    of_projections = 1 + highest_near(over, geometry.theta) ** 2
-    factors = np.full(geometry.layout.size, np.median(of_projections))
+    n = look.squares.shape[1]
+    scatter = len(look.pulls) * look.pulls[:, :n].var(axis=0, ddof=1)
+    least = LEAST_SCATTER * look.squares.mean()
+    return np.asarray(np.maximum(scatter / np.diag(curvature)[:n], least))
+
+
+def variances(look: Look, geometry: Geometry, curvature: Floats, scale: float) -> Floats:
+    """(k,) variance of the pull, in units of the curvature, squared line integrals.
+
+    Where projections are thick, seen edge on, what a map cannot show differs from row to row, and
+    the rows scatter ten times as much as elsewhere. Misfit of `scale` medians raises it further,
+    see `doubts`. The axis and the roll get the median.
+    """
+    near = mean_near(noise(look, curvature), geometry.theta)
+    of_projections = near * doubts(look, geometry.theta, scale)
+    found = np.full(geometry.layout.size, np.median(of_projections))
     for entries in geometry.layout.own:
-        factors[entries] = of_projections
-    return factors
+        found[entries] = of_projections
+    return found
+
+
+def doubts(look: Look, theta: Floats, scale: float) -> Floats:
+    """(n,) factors by which misfit of projections raises the noise of what they say.
+
+    An excess of `scale` medians doubles it. Projections near one that does not fit are doubted
+    with it: it spoils the map for them.
+    """
+    over = np.maximum(misfits(look, theta) - ORDINARY, 0) / scale
+    return np.asarray(1 + highest_near(over, theta) ** 2)
 
 
 def highest_near(values: Floats, theta: Floats) -> Floats:
     """(n,) the highest of `values` (n,) within `NEAR` of each of the angles `theta` (n,)."""
     from scipy.ndimage import maximum_filter1d
 
+    return _near(values, theta, maximum_filter1d)
+
+
+def mean_near(values: Floats, theta: Floats) -> Floats:
+    """(n,) the mean of `values` (n,) within `NEAR` of each of the angles `theta` (n,)."""
+    from scipy.ndimage import uniform_filter1d
+
+    return _near(values, theta, uniform_filter1d)
+
+
+def _near(values: Floats, theta: Floats, running: Callable[..., Floats]) -> Floats:
+    """(n,) what a filter makes of `values` (n,) within `NEAR` of each of `theta` (n,)."""
     order = around(theta)
     gap = np.ptp(within_turn(theta)) / max(len(theta) - 1, 1)
     reach = round(NEAR / gap) if gap > 0 else 0
-    highest = np.empty_like(values)
-    highest[order] = maximum_filter1d(values[order], 2 * reach + 1, mode="nearest")
-    return highest
+    found = np.empty_like(values)
+    found[order] = running(values[order], 2 * reach + 1, mode="nearest")
+    return found
 
 
 def whitened(curvature: Floats, variance: Floats, pulls: Floats) -> tuple[Floats, Floats]:

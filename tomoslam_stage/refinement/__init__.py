@@ -4,7 +4,16 @@ To add a factor, write it in `factors`.
 """
 
 from tomoslam_stage.refinement.factors import FACTORS
-from tomoslam_stage.refinement.fusing import Fused, Said, agree, as_one, fused, honest, solver_with
+from tomoslam_stage.refinement.fusing import (
+    Fused,
+    Said,
+    agree,
+    as_one,
+    fused,
+    honest,
+    solver_with,
+    with_stage_noise,
+)
 from tomoslam_stage.refinement.gate import (
     Halves,
     Verdict,
@@ -40,4 +49,5 @@ __all__ = [
     "solver_with",
     "stage_noise",
     "weigh",
+    "with_stage_noise",
 ]

@@ -11,9 +11,12 @@ import numpy as np
 from tomoslam_stage.geometry import rms, rms_difference, unseen_shifts
 from tomoslam_stage.products import Floats, Geometry, Quadratic, Solve
 from tomoslam_stage.refinement.joint import without_turn
+from tomoslam_stage.refinement.stage_noise import stage_noise
 
 if TYPE_CHECKING:
-    from tomoslam_stage.products import AngleMeasurements, Layout
+    from collections.abc import Callable
+
+    from tomoslam_stage.products import AngleMeasurements, Layout, StageNoise
     from tomoslam_stage.refinement.graphing import FactorGraph
     from tomoslam_stage.refinement.joint import Solved
 
@@ -21,6 +24,8 @@ ROUNDS = 20
 """At most so many rounds of weighing; the sources are quadratic, only the weights change."""
 SETTLED_DEG = 1e-4
 """A change of all angles that counts as none."""
+ASTRAY = 3.0
+"""Standard deviations by which another noise of the stage may change the angles."""
 
 
 @dataclass(frozen=True)
@@ -207,6 +212,34 @@ def as_one(solution: Fused, sources: int) -> Fused:
         step_variances=sources * solution.step_variances,
         shift_sigma=None if shift_sigma is None else np.sqrt(sources) * shift_sigma,
     )
+
+
+def with_stage_noise(
+    graph: FactorGraph,
+    recorded: Floats,
+    solved: Callable[[FactorGraph], Fused],
+    stage_steps: Floats | float,
+) -> tuple[Fused, StageNoise | None]:
+    """Solve a graph with the noise of the stage that the sources show, where they do.
+
+    Parameters
+    ----------
+    graph
+        What the pipeline asks for.
+    recorded
+        (n,) radians.
+    solved
+        Solves a graph with everything that was said.
+    stage_steps
+        (n - 1,) that the stage made from each projection to the next, or one number.
+    """
+    first, free = solved(graph), solved(graph.doubting())
+    noise = stage_noise(free.geometry.theta - recorded, free.halves, stage_steps)
+    joint = solved(graph.informed(noise))
+    if agree(first, free, ASTRAY) and agree(first, joint, ASTRAY):
+        return joint, noise
+    # Far from where they looked the sources no longer say what they seem to.
+    return first, None
 
 
 def solver_with(graph: FactorGraph, recorded: Geometry, measurements: AngleMeasurements) -> Solve:

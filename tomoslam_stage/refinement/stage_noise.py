@@ -21,7 +21,9 @@ SAME_STEP = 0.15
 """Part of the usual step by which a lapse may differ from it and still be a matter of frames."""
 
 
-def stage_noise(correction: Floats, halves: Floats) -> StageNoise:
+def stage_noise(
+    correction: Floats, halves: Floats, stage_steps: Floats | float = 1.0
+) -> StageNoise:
     """Size and kind of the errors of the recorded angles, by maximum likelihood.
 
     Errors of steps (a walk) are independent and add up; an error of a single angle makes one step
@@ -37,6 +39,8 @@ def stage_noise(correction: Floats, halves: Floats) -> StageNoise:
         (n,) radians, refined minus recorded, from everything but the encoder.
     halves
         (s, n) radians: for each source, how halves of its data would move the angles.
+    stage_steps
+        (n - 1,) that the stage made each time, of which the usual number counts.
     """
     from scipy.fft import dst
     from scipy.ndimage import uniform_filter1d
@@ -47,10 +51,11 @@ def stage_noise(correction: Floats, halves: Floats) -> StageNoise:
     apart = dst(np.diff(halves, axis=1), type=1, axis=1, norm="ortho") ** 2
     measured = uniform_filter1d(apart.sum(axis=0), SMOOTHING, mode="nearest")
     wave = np.pi * np.arange(1, len(steps) + 1) / (2 * (len(steps) + 1))
+    made = float(np.median(stage_steps))
 
     def unlikely(logarithms: Floats) -> float:
         walk, jitter = np.exp(2 * logarithms)
-        variance = walk + 4 * jitter * np.sin(wave) ** 2 + measured
+        variance = made * walk + 4 * jitter * np.sin(wave) ** 2 + measured
         return float(np.sum(np.log(variance) + power / variance))
 
     size = np.log(max(float(np.std(steps)), np.deg2rad(LEAST_DEG)))

@@ -24,6 +24,7 @@ from tomoslam_stage.scans.sources import (
     Stack,
     binned,
     line_integrals,
+    only,
     prepared,
     scan_of,
 )
@@ -58,6 +59,7 @@ __all__ = [
     "is_written",
     "line_integrals",
     "now",
+    "only",
     "open_as_stored",
     "open_scan",
     "prepared",

@@ -253,6 +253,21 @@ def prepared(scan: Scan, source: ProjectionSource, values: Values) -> Scan:
     return replace(scan, source=source, raw=raw)
 
 
+def only(scan: Scan, chosen: Integers) -> Scan:
+    """Return a scan of some of the projections of `scan`.
+
+    It still knows how many steps the stage made from one of them to the next.
+    """
+    of_frames = scan.theta if scan.theta_of_frames is None else scan.theta_of_frames
+    return replace(
+        scan,
+        source=ChosenSource(scan.source, chosen),
+        theta=scan.theta[chosen],
+        frames=scan.frames[chosen],
+        theta_of_frames=of_frames,
+    )
+
+
 def binned(scan: Scan, factor: int) -> Scan:
     """Return `scan` with `factor` x `factor` px averaged into one."""
     if factor == 1:

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field
 
 from tomoslam_stage.angles import LoopClosure, Triplets
 from tomoslam_stage.errors import PipelineError, nearest
-from tomoslam_stage.geometry import rms
+from tomoslam_stage.geometry import rms, spread
 from tomoslam_stage.heldout import Rows, hold_out
 from tomoslam_stage.images import still
 from tomoslam_stage.mapping import Mapping
@@ -40,8 +40,9 @@ from tomoslam_stage.refinement import (
     weigh,
 )
 from tomoslam_stage.reprojection import Reprojection
-from tomoslam_stage.scans import binned
+from tomoslam_stage.scans import binned, only
 from tomoslam_stage.stages.choosing import Choice
+from tomoslam_stage.stages.keyframes import Keyframes
 from tomoslam_stage.stages.sources import Outcome, Sources, counted
 from tomoslam_stage.stages.triplets import Found, TripletSolver, without_tracks
 from tomoslam_stage.stages.work import Clock, SideOutputs, Work, check_axis
@@ -65,6 +66,11 @@ class Unused:
     """By name of the angles: the axis that suits them best, px."""
     squares: dict[str, Floats] = field(default_factory=dict)
     """By name of the angles: (r, n) mean squared residual."""
+
+    def only(self, projections: Integers) -> Unused:
+        """Return the same of some projections, where nothing was judged yet but the axis."""
+        scan, axes = only(self.scan, projections), dict(self.axes)
+        return Unused(scan, self.rows, self.sinograms[:, projections], axes)
 
     def keep_recorded(self) -> None:
         """Let the refined angles be the recorded ones."""
@@ -130,6 +136,10 @@ class RefineTheta:
     moved on the stage."""
     width: Annotated[int, Field(ge=64)] = 640
     """Wider scans are binned until they have at most so many columns."""
+    keyframes: Annotated[int, Field(ge=100)] | None = 1500
+    """Of longer scans so many projections are solved for together, spread over the scan, and the
+    others placed in the map they make, which bounds memory and time; null: all together. Where
+    only triplets are measured all are solved for, as these tie neighbours alone."""
     rounds: Annotated[int, Field(ge=1)] = 4
     """At most so many rounds of measuring triplets, or of growing tracks, and solving the graph."""
     settled_deg: Annotated[float, Field(gt=0)] = 0.01
@@ -256,16 +266,30 @@ class RefineTheta:
             middle=(small.n_rows - 1) / 2,
             unknowns=self.unknowns,
         )
+        keys = spread(small.n_projections, self.keyframes or small.n_projections)
+        if len(keys) == small.n_projections:
+            outcome = self._asked(unused, rows, start, clock)
+        else:
+            some = unused.only(keys)
+            self._judge("recorded", some.scan.theta, some)
+            first = replace(start, theta=scan.theta[keys], shift=np.empty(0))
+            outcome = self._asked(some, rows, first, clock)
+            with clock("placing"):
+                outcome = Keyframes(small, start, keys, self.refinement).completed(outcome)
+            unused.axes.update(some.axes)
+        tracks = None if outcome.tracks is None else tracks_in(scan, small, outcome.tracks)
+        with clock("gate"):
+            return Refined(self._weighed(scan, outcome, unused), tracks)
+
+    def _asked(self, unused: Unused, rows: Rows, start: Geometry, clock: Clock) -> Outcome:
+        """Ask all sources about the projections of `unused`."""
 
         def judge(name: str, geometry: Geometry) -> Floats:
             if name not in unused.squares:
                 self._judge(name, geometry.theta, unused, geometry.shift)
             return unused.squares[name]
 
-        outcome = Sources(self).ask(small, rows, start, judge, clock)
-        tracks = None if outcome.tracks is None else tracks_in(scan, small, outcome.tracks)
-        with clock("gate"):
-            return Refined(self._weighed(scan, outcome, unused), tracks)
+        return Sources(self).ask(unused.scan, rows, start, judge, clock)
 
     def _weighed(self, scan: Scan, outcome: Outcome, unused: Unused) -> Refinement:
         """Let the gate judge what the sources came to."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tomoslam_stage.heldout import Rows
-from tomoslam_stage.mapping import Mapped
+from tomoslam_stage.mapping import Made, Mapped
 from tomoslam_stage.mapping import Mapping as MapFactor
 from tomoslam_stage.products import (
     AngleMeasurements,
@@ -23,16 +23,16 @@ from tomoslam_stage.products import (
     Tracks,
 )
 from tomoslam_stage.refinement import (
+    FactorGraph,
     Fused,
     Landmarks,
     Said,
-    agree,
     as_one,
     fused,
     honest,
     lapses,
     solver_with,
-    stage_noise,
+    with_stage_noise,
 )
 from tomoslam_stage.stages.choosing import FEATURES, MAP, RECORDED, USED, falls
 from tomoslam_stage.stages.landmarks import FEWEST, Placed, Turns
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 
 CLOSE_COLUMNS = 400
 """Wider scans are binned as usual when they are looked at more closely: it would take minutes."""
-ASTRAY = 3.0
-"""Standard deviations by which another noise of the stage may change the angles."""
 
 Judge = Callable[[str, Geometry], Floats]
 """Reproject rows that were not used with the angles, and the shifts, of this name: (r, n) mean
@@ -71,6 +69,8 @@ class Outcome:
     """What the report draws histograms of, see `Refinement`."""
     tracks: Tracks | None = None
     """Of the features that were placed, px of the binned scan."""
+    made: Made | None = None
+    """How the map was made, where it is believed."""
 
 
 @dataclass
@@ -91,6 +91,8 @@ class Heard:
     """For the report, too."""
     tracks: Tracks | None = None
     """For the report, too."""
+    made: Made | None = None
+    """How the map was made."""
     excess: float = 1.0
     """Residual of the worst projection in the map's account, in units of the usual one."""
     suspect: bool = False
@@ -214,7 +216,8 @@ class Sources:
             heard.notes[MAP] = f"left out: {asked} say nothing about the angles"
             return
         heard.excess, heard.suspect = mapped.excess, mapped.excess > suspect
-        heard.counts["map rows"] = len(mapped.rows)
+        heard.made = mapped.made
+        heard.counts["map rows"] = len(mapped.row_pulls)
         heard.hear(MAP, said_by(mapped, suspect))
 
     @staticmethod
@@ -240,25 +243,18 @@ class Sources:
         ]
         if not used:
             return Outcome(None, notes, **heard.for_report())
-        joint, noise = self._with_noise(used, recorded, measurements)
+
+        def solved(graph: FactorGraph) -> Fused:
+            return fused(graph, recorded, measurements, used)
+
+        steps = measurements.stage_steps
+        joint, noise = with_stage_noise(self.how.refinement, recorded.theta, solved, steps)
         if heard.suspect:
             joint = as_one(joint, len(used))
         correction = joint.geometry.theta - recorded.theta
-        events = lapses(recorded.theta, correction, joint.step_variances, measurements.stage_steps)
-        return Outcome(joint, notes, events, noise, **heard.for_report())
-
-    def _with_noise(
-        self, used: Sequence[Said], recorded: Geometry, measurements: AngleMeasurements
-    ) -> tuple[Fused, StageNoise | None]:
-        """Solve the graph with the noise of the stage that the sources show, where they do."""
-        first = fused(self.how.refinement, recorded, measurements, used)
-        free = fused(self.how.refinement.doubting(), recorded, measurements, used)
-        noise = stage_noise(free.geometry.theta - recorded.theta, free.halves)
-        joint = fused(self.how.refinement.informed(noise), recorded, measurements, used)
-        if agree(first, free, ASTRAY) and agree(first, joint, ASTRAY):
-            return joint, noise
-        # Far from where they looked the sources no longer say what they seem to.
-        return first, None
+        events = lapses(recorded.theta, correction, joint.step_variances, steps)
+        made = heard.made if chosen.get(MAP) == USED else None
+        return Outcome(joint, notes, events, noise, made=made, **heard.for_report())
 
 
 def said_by(mapped: Mapped, suspect: float) -> Said:
