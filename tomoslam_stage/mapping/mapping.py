@@ -56,8 +56,9 @@ class Mapped:
     squares: Floats
     """(r, n) mean squared residual of each row and projection, squared line integrals."""
     bias_pulls: Floats
-    """(b, k) by how much the pull would change with half as strong a prior for the map, where there
-    may be one; and, where a blur was looked for, with somewhat more of it."""
+    """(b, k) by how much the pull would change with half as strong a prior for the map, or with
+    another share of the densest place for air; and, where a blur was looked for, with somewhat more
+    of it."""
     made: Made
     """How the map was made."""
 
@@ -190,7 +191,10 @@ class Mapping:
 
     def _otherwise(self, reading: Reading, rows: Observed) -> Iterator[Observed]:
         """`rows` as they would be had we assumed otherwise, by as much as may well be."""
-        if not rows.faintest:
+        if rows.faintest:
+            others = [share for share in self.faintest if share not in {0, rows.faintest}]
+            yield from (replace(rows, faintest=share) for share in others[-1:])
+        else:
             yield replace(rows, strength=rows.strength / 2 or WEAKEST)
         if len(self.blurs) > 1:
             yield reading.mended(rows, rows.blur + DOUBTED_BLUR)
