@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.products import Floats, Pixels
+from tomoslam_stage.simulation import SimulatedScan
 from tomoslam_stage.stages import preparing
 from tomoslam_stage.tomopy_adapter import installed
 
@@ -154,6 +155,18 @@ def stand_in_functions(monkeypatch: pytest.MonkeyPatch, fresh_import: None) -> N
         module = ModuleType(path)
         vars(module).update(names)
         monkeypatch.setitem(sys.modules, path, module)
+
+
+@pytest.fixture(scope="session")
+def flat_fielded() -> Callable[[SimulatedScan], Pixels]:
+    """Return what makes line integrals (n, row, column) of the counts of a scan, by hand."""
+
+    def corrected(scan: SimulatedScan) -> Pixels:
+        white, dark = scan.whites.mean(axis=0), scan.darks.mean(axis=0)
+        light = (np.stack(list(scan.projections())) - dark) / (white - dark)
+        return np.asarray(-np.log(np.maximum(light, 1e-3)), np.float32)
+
+    return corrected
 
 
 @pytest.fixture

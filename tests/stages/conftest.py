@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tomoslam_stage.products import Refinement
+from tomoslam_stage.products import Pixels, Refinement
 from tomoslam_stage.scans import write_simulated
 from tomoslam_stage.simulation import SimulatedScan, recipe_from, simulate
 from tomoslam_stage.stages import STAGES, Work, refine_theta
+
+FlatFielded = Callable[[SimulatedScan], Pixels]
 
 LOST = {
     "phantom": {"method": "grains", "grains": 300, "seed": 5},
@@ -35,11 +37,9 @@ def grains() -> SimulatedScan:
 
 
 @pytest.fixture(scope="session")
-def integrals(grains: SimulatedScan) -> np.ndarray:
-    """(n, row, column) line integrals of `grains`, flat-fielded by hand."""
-    white, dark = grains.whites.mean(axis=0), grains.darks.mean(axis=0)
-    counts = np.stack(list(grains.projections()))
-    return -np.log(np.maximum((counts - dark) / (white - dark), 1e-3)).astype(np.float32)
+def integrals(grains: SimulatedScan, flat_fielded: FlatFielded) -> Pixels:
+    """(n, row, column) line integrals of `grains`."""
+    return flat_fielded(grains)
 
 
 @pytest.fixture(scope="session")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from tomoslam_stage.geometry import rms, rms_difference
 from tomoslam_stage.methods import checked
-from tomoslam_stage.products import Scan
+from tomoslam_stage.products import Pixels, Scan
 from tomoslam_stage.scans import scan_of
 from tomoslam_stage.simulation import SimulatedScan, recipe_from, simulate
 from tomoslam_stage.stages.refining import Refined, RefineTheta
@@ -35,15 +37,8 @@ def made() -> SimulatedScan:
 
 
 @pytest.fixture(scope="module")
-def integrals(made: SimulatedScan) -> np.ndarray:
-    white, dark = made.whites.mean(axis=0), made.darks.mean(axis=0)
-    counts = np.stack(list(made.projections()))
-    return -np.log(np.maximum((counts - dark) / (white - dark), 1e-3)).astype(np.float32)
-
-
-@pytest.fixture(scope="module")
-def scan(made: SimulatedScan, integrals: np.ndarray) -> Scan:
-    return scan_of(integrals, made.theta_recorded)
+def scan(made: SimulatedScan, flat_fielded: Callable[[SimulatedScan], Pixels]) -> Scan:
+    return scan_of(flat_fielded(made), made.theta_recorded)
 
 
 def refined(scan: Scan, **how: object) -> Refined:

@@ -51,7 +51,7 @@ def test_refinement_says_how_sure_it_is_and_what_it_counted(
     assert refined.counts["map rows"] > 20
     assert abs(np.rad2deg(refined.roll)) < 0.1
     assert refined.stage_noise is not None
-    assert np.rad2deg(refined.stage_noise.step) < 0.06
+    assert np.rad2deg(refined.stage_noise.step) < 0.05
 
 
 def test_axis_is_found_and_unused_rows_tell_of_both_sets_of_angles(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tomoslam_stage import refine_theta
@@ -12,6 +12,8 @@ from tomoslam_stage.geometry import rms_difference
 from tomoslam_stage.products import Pixels
 from tomoslam_stage.refinement.gate import Gate
 from tomoslam_stage.simulation import SimulatedScan, recipe_from, simulate
+
+Scanned = Callable[[dict[str, Any]], tuple[SimulatedScan, Pixels]]
 
 SMALL: dict[str, Any] = {
     "phantom": {"method": "grains", "grains": 300, "seed": 9},
@@ -39,16 +41,19 @@ BOARD = {
 HALF = {"n_projections": 121, "span_deg": 180.0, "endpoint": True}
 
 
-def scanned(special: dict[str, Any]) -> tuple[SimulatedScan, Pixels]:
+@pytest.fixture
+def scanned(flat_fielded: Callable[[SimulatedScan], Pixels]) -> Scanned:
     """Simulate a scan: line integrals (n, row, column)."""
-    scan = simulate(recipe_from(SMALL | special))
-    white, dark = scan.whites.mean(axis=0), scan.darks.mean(axis=0)
-    light = (np.stack(list(scan.projections())) - dark) / (white - dark)
-    return scan, -np.log(np.maximum(light, 1e-3))
+
+    def made(special: dict[str, Any]) -> tuple[SimulatedScan, Pixels]:
+        scan = simulate(recipe_from(SMALL | special))
+        return scan, flat_fielded(scan)
+
+    return made
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_recorded_angles_stand_with_a_reason_in_numbers(case: str) -> None:
+def test_recorded_angles_stand_with_a_reason_in_numbers(case: str, scanned: Scanned) -> None:
     scan, integrals = scanned(CASES[case])
     found = refine_theta(integrals, scan.theta_recorded)
     assert found.status == "kept"
@@ -56,7 +61,9 @@ def test_recorded_angles_stand_with_a_reason_in_numbers(case: str) -> None:
     assert any(letter.isdigit() for letter in found.reason)
 
 
-def test_a_board_that_shrinks_is_given_away_by_rows_of_features_and_by_little_else() -> None:
+def test_a_board_that_shrinks_is_given_away_by_rows_of_features_and_by_little_else(
+    scanned: Scanned,
+) -> None:
     scan, integrals = scanned(BOARD | {"sample_motions": [{"method": "swelling"}]})
     found = refine_theta(integrals, scan.theta_recorded, mapping=None)
     recorded, refined = (
@@ -71,7 +78,7 @@ def test_a_board_that_shrinks_is_given_away_by_rows_of_features_and_by_little_el
     assert "the sample moves by itself or changes its size" in found.reason
 
 
-def test_a_beam_that_spreads_is_named() -> None:
+def test_a_beam_that_spreads_is_named(scanned: Scanned) -> None:
     scan, integrals = scanned(HALF | {"source_px": 400.0})
     found = refine_theta(integrals, scan.theta_recorded, mapping=None)
     assert found.status == "kept"
@@ -79,7 +86,7 @@ def test_a_beam_that_spreads_is_named() -> None:
     assert "the sample moves" not in found.reason
 
 
-def test_a_sound_scan_has_neither_said_of_it() -> None:
+def test_a_sound_scan_has_neither_said_of_it(scanned: Scanned) -> None:
     scan, integrals = scanned(HALF)
     found = refine_theta(integrals, scan.theta_recorded, mapping=None)
     assert found.evidence is not None

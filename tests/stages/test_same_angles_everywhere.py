@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
 from tomoslam_stage import refine_theta
-from tomoslam_stage.products import Refinement
-from tomoslam_stage.simulation import recipe_from, simulate
+from tomoslam_stage.products import Pixels, Refinement
+from tomoslam_stage.simulation import SimulatedScan, recipe_from, simulate
 
 RECIPE = {
     "phantom": {"method": "grains", "grains": 200, "seed": 8},
@@ -25,12 +26,12 @@ RECIPE = {
 
 
 @pytest.fixture(scope="module")
-def projections() -> tuple[np.ndarray, np.ndarray]:
+def projections(
+    flat_fielded: Callable[[SimulatedScan], Pixels],
+) -> tuple[np.ndarray, np.ndarray]:
     """Line integrals (n, row, column) and recorded angles (n,)."""
     scan = simulate(recipe_from(RECIPE))
-    white, dark = scan.whites.mean(axis=0), scan.darks.mean(axis=0)
-    transmission = (np.stack(list(scan.projections())) - dark) / (white - dark)
-    return -np.log(np.maximum(transmission, 1e-3)).astype(np.float32), scan.theta_recorded
+    return flat_fielded(scan), scan.theta_recorded
 
 
 def on(cores: int, projections: tuple[np.ndarray, np.ndarray]) -> Refinement:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tomoslam_stage import refine_theta
-from tomoslam_stage.simulation import recipe_from, simulate
+from tomoslam_stage.products import Pixels
+from tomoslam_stage.simulation import SimulatedScan, recipe_from, simulate
 
 WALK = [{"method": "walk", "sigma_deg": 0.2}]
 
@@ -16,7 +17,7 @@ WALK = [{"method": "walk", "sigma_deg": 0.2}]
 @pytest.mark.parametrize("seed", [5, 6, 7, 8])
 @pytest.mark.parametrize("angle_errors", [[], WALK], ids=["right", "walk"])
 def test_a_smooth_scan_keeps_its_recorded_angles(
-    seed: int, angle_errors: list[dict[str, Any]]
+    seed: int, angle_errors: list[dict[str, Any]], flat_fielded: Callable[[SimulatedScan], Pixels]
 ) -> None:
     scan = simulate(
         recipe_from(
@@ -31,8 +32,6 @@ def test_a_smooth_scan_keeps_its_recorded_angles(
             }
         )
     )
-    white, dark = scan.whites.mean(axis=0), scan.darks.mean(axis=0)
-    transmission = (np.stack(list(scan.projections())) - dark) / (white - dark)
-    found = refine_theta(-np.log(np.maximum(transmission, 1e-3)), scan.theta_recorded)
+    found = refine_theta(flat_fielded(scan), scan.theta_recorded)
     assert found.status == "kept"
     assert found.theta is found.recorded

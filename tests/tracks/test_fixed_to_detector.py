@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from tomoslam_stage.products import Pixels
 from tomoslam_stage.scans import scan_of
-from tomoslam_stage.simulation import recipe_from, simulate
+from tomoslam_stage.simulation import SimulatedScan, recipe_from, simulate
 from tomoslam_stage.tracks import Tracking
 from tomoslam_stage.tracks.detectors import Keypoints, Sift
 from tomoslam_stage.tracks.fixed import FixedToDetector, sectors
@@ -108,7 +111,9 @@ def test_sectors_are_eighths_in_the_order_of_the_angles() -> None:
     assert sectors(np.array([2.0, 0.0, 1.0])).tolist() == [2, 0, 1]
 
 
-def test_specks_on_the_scintillator_are_left_out_of_real_keypoints() -> None:
+def test_specks_on_the_scintillator_are_left_out_of_real_keypoints(
+    flat_fielded: Callable[[SimulatedScan], Pixels],
+) -> None:
     recipe = recipe_from(
         {
             "phantom": {"method": "grains", "grains": 60, "seed": 5},
@@ -120,9 +125,7 @@ def test_specks_on_the_scintillator_are_left_out_of_real_keypoints() -> None:
         }
     )
     made = simulate(recipe)
-    white, dark = made.whites.mean(axis=0), made.darks.mean(axis=0)
-    counts = np.stack(list(made.projections()))
-    scan = scan_of(-np.log(np.maximum((counts - dark) / (white - dark), 1e-3)), made.theta_recorded)
+    scan = scan_of(flat_fielded(made), made.theta_recorded)
     sift, usable = Sift(noise_sigmas=0.5), np.ones(recipe.rows, bool)
     found = find_keypoints(scan, sift, 4.0, usable)
     fixed = np.concatenate(FixedToDetector().find(found, scan.theta))

@@ -111,7 +111,7 @@ class Keyframes:
         self, known: Fused, made: Made | None, noise: StageNoise | None
     ) -> tuple[Fused, StageNoise | None]:
         """Place all others; without a map where the encoder takes them."""
-        windows = list(self._windows(known))
+        windows = self._windows(known)
         if made is None:
             said = [self._unsaid(window) for window in windows]
             graph = self.graph if noise is None else self.graph.informed(noise)

@@ -270,16 +270,23 @@ class RefineTheta:
         if len(keys) == small.n_projections:
             outcome = self._asked(unused, rows, start, clock)
         else:
-            some = unused.only(keys)
-            self._judge("recorded", some.scan.theta, some)
-            first = replace(start, theta=scan.theta[keys], shift=np.empty(0))
-            outcome = self._asked(some, rows, first, clock)
-            with clock("placing"):
-                outcome = Keyframes(small, start, keys, self.refinement).completed(outcome)
-            unused.axes.update(some.axes)
+            outcome = self._by_keyframes(keys, unused, rows, start, clock)
         tracks = None if outcome.tracks is None else tracks_in(scan, small, outcome.tracks)
         with clock("gate"):
             return Refined(self._weighed(scan, outcome, unused), tracks)
+
+    def _by_keyframes(
+        self, keys: Integers, unused: Unused, rows: Rows, start: Geometry, clock: Clock
+    ) -> Outcome:
+        """Ask about the projections `keys`, and place the others in what these make."""
+        some = unused.only(keys)
+        first = replace(start, theta=start.theta[keys], shift=np.empty(0))
+        outcome = self._asked(some, rows, first, clock)
+        with clock("placing"):
+            outcome = Keyframes(unused.scan, start, keys, self.refinement).completed(outcome)
+        # The axis of the recorded angles was looked for with all projections.
+        unused.axes.update({**some.axes, **unused.axes})
+        return outcome
 
     def _asked(self, unused: Unused, rows: Rows, start: Geometry, clock: Clock) -> Outcome:
         """Ask all sources about the projections of `unused`."""
