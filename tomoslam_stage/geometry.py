@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tomoslam_stage.products import Floats, Integers
 
 TURN = 2 * np.pi
 HAIR = 1e-6
 """Radians: angles that differ by rounding stay on one side of where the turn begins."""
+NEAR = np.deg2rad(8)
+"""Radians: how near projections show much the same."""
 WIDEST_GAP = 8.0
 """Usual gaps between projections that a gap may count as, where angles are weighed."""
 
@@ -48,6 +52,30 @@ def partners(theta: Floats, step: float) -> Integers:
     found = candidates[best, everyone]
     usable = (miss[best, everyone] <= 0.2 * step) & (found != everyone)
     return np.where(usable, found, -1)
+
+
+def highest_near(values: Floats, theta: Floats) -> Floats:
+    """(n,) the highest of `values` (n,) within `NEAR` of each of the angles `theta` (n,)."""
+    from scipy.ndimage import maximum_filter1d
+
+    return _near(values, theta, maximum_filter1d)
+
+
+def mean_near(values: Floats, theta: Floats) -> Floats:
+    """(n,) the mean of `values` (n,) within `NEAR` of each of the angles `theta` (n,)."""
+    from scipy.ndimage import uniform_filter1d
+
+    return _near(values, theta, uniform_filter1d)
+
+
+def _near(values: Floats, theta: Floats, running: Callable[..., Floats]) -> Floats:
+    """(n,) what a filter makes of `values` (n,) within `NEAR` of each of `theta` (n,)."""
+    order = around(theta)
+    gap = np.ptp(within_turn(theta)) / max(len(theta) - 1, 1)
+    reach = round(NEAR / gap) if gap > 0 else 0
+    found = np.empty_like(values)
+    found[order] = running(values[order], 2 * reach + 1, mode="nearest")
+    return found
 
 
 def angular_weights(theta: Floats) -> Floats:

@@ -45,7 +45,7 @@ def measured(true: Floats, seed: int = 99) -> tuple[Floats, Floats]:
 
 @pytest.mark.parametrize(("walk", "jitter"), [(0.05, 0.0), (0.0, 0.05), (0.06, 0.04), (0.03, 0.1)])
 def test_walk_and_jitter_are_told_from_each_other(walk: float, jitter: float) -> None:
-    found = [stage_noise(*measured(errors(walk, jitter, s), s + 50)) for s in range(6)]
+    found = [stage_noise(RECORDED, *measured(errors(walk, jitter, s), s + 50)) for s in range(20)]
     walks, jitters = (np.rad2deg([getattr(f, name) for f in found]) for name in ("walk", "jitter"))
     # Variances are what adds up; either steals from the other no more than what is left of it.
     step = walk**2 + 2 * jitter**2
@@ -54,28 +54,51 @@ def test_walk_and_jitter_are_told_from_each_other(walk: float, jitter: float) ->
     assert np.rad2deg(np.mean([f.step for f in found])) == pytest.approx(np.sqrt(step), rel=0.1)
 
 
+def test_angles_that_are_measured_badly_tell_less_about_the_stage() -> None:
+    badly = np.where(np.abs(np.arange(N) - N // 2) < 30, 0.3, 0.005)
+    found = []
+    for seed in range(6):
+        noise, halves = np.deg2rad(badly * np.random.default_rng(seed).standard_normal((2, N)))
+        found.append(stage_noise(RECORDED, errors(0.0, 0.1, seed) + noise, halves[None]))
+    assert np.rad2deg(np.mean([f.jitter for f in found])) == pytest.approx(0.1, rel=0.05)
+    assert np.rad2deg(np.mean([f.walk for f in found])) < 0.02
+
+
 def test_the_walk_is_that_of_a_step_where_the_stage_made_several_in_between() -> None:
-    found = [stage_noise(*measured(errors(0.05, 0.0, s)), stage_steps=4.0) for s in range(6)]
+    found = [
+        stage_noise(RECORDED, *measured(errors(0.05, 0.0, s)), stage_steps=4.0) for s in range(6)
+    ]
     assert np.rad2deg(np.mean([f.walk for f in found])) == pytest.approx(0.025, rel=0.1)
 
 
+def test_each_step_counts_for_as_many_as_the_stage_made() -> None:
+    made = np.where(np.arange(N - 1) % 10 == 0, 16.0, 1.0)
+    found = []
+    for seed in range(6):
+        walk = np.deg2rad(0.03) * np.sqrt(made) * np.random.default_rng(seed).standard_normal(N - 1)
+        found.append(stage_noise(RECORDED, np.append(0, np.cumsum(walk)), np.zeros((1, N)), made))
+    assert np.rad2deg(np.mean([f.walk for f in found])) == pytest.approx(0.03, rel=0.1)
+
+
 def test_errors_of_the_measurement_are_not_blamed_on_the_stage() -> None:
-    found = [stage_noise(*measured(np.zeros(N), s)) for s in range(6)]
+    found = [stage_noise(RECORDED, *measured(np.zeros(N), s)) for s in range(20)]
     exact = np.zeros((1, N))
-    blamed = np.rad2deg([stage_noise(measured(np.zeros(N), s)[0], exact).step for s in (0, 1)])
-    assert np.rad2deg(np.mean([f.step for f in found])) < 0.01
+    blamed = np.rad2deg(
+        [stage_noise(RECORDED, measured(np.zeros(N), s)[0], exact).step for s in (0, 1)]
+    )
+    assert np.rad2deg(np.mean([f.step for f in found])) < 0.012
     assert blamed == pytest.approx(0.02 * np.sqrt(2), rel=0.1)
 
 
 def test_a_lost_step_hardly_counts_as_noise() -> None:
     true = errors(0.05, 0.0, seed=3)
     lost = true + np.deg2rad(2.0) * (np.arange(N) >= 100)
-    usual, disturbed = (stage_noise(*measured(e)).walk for e in (true, lost))
+    usual, disturbed = (stage_noise(RECORDED, *measured(e)).walk for e in (true, lost))
     assert disturbed == pytest.approx(usual, rel=0.1)
 
 
 def test_no_stage_is_taken_for_perfect() -> None:
-    noise = stage_noise(np.zeros(N), np.zeros((1, N)))
+    noise = stage_noise(RECORDED, np.zeros(N), np.zeros((1, N)))
     assert np.rad2deg(noise.step) == pytest.approx(LEAST_DEG)
 
 

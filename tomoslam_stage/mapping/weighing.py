@@ -6,19 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tomoslam_stage.geometry import around, within_turn
+from tomoslam_stage.geometry import around, highest_near, mean_near
 from tomoslam_stage.symmetric import add_gram, factorised, halfway, inverse, solved
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tomoslam_stage.mapping.looking import Look
     from tomoslam_stage.products import Floats, Geometry, Layout
 
 ORDINARY = 1.3
 """Residual of a projection, in medians, up to which it is nothing special."""
-NEAR = np.deg2rad(8)
-"""Radians: how near to a projection that does not fit others are doubted with it."""
 LEAST_SCATTER = 1e-3
 """Of the mean squared residual: what rows that agree better than noise would let them count as."""
 
@@ -73,30 +69,6 @@ def doubts(look: Look, theta: Floats, scale: float) -> Floats:
     """
     over = np.maximum(misfits(look, theta) - ORDINARY, 0) / scale
     return np.asarray(1 + highest_near(over, theta) ** 2)
-
-
-def highest_near(values: Floats, theta: Floats) -> Floats:
-    """(n,) the highest of `values` (n,) within `NEAR` of each of the angles `theta` (n,)."""
-    from scipy.ndimage import maximum_filter1d
-
-    return _near(values, theta, maximum_filter1d)
-
-
-def mean_near(values: Floats, theta: Floats) -> Floats:
-    """(n,) the mean of `values` (n,) within `NEAR` of each of the angles `theta` (n,)."""
-    from scipy.ndimage import uniform_filter1d
-
-    return _near(values, theta, uniform_filter1d)
-
-
-def _near(values: Floats, theta: Floats, running: Callable[..., Floats]) -> Floats:
-    """(n,) what a filter makes of `values` (n,) within `NEAR` of each of `theta` (n,)."""
-    order = around(theta)
-    gap = np.ptp(within_turn(theta)) / max(len(theta) - 1, 1)
-    reach = round(NEAR / gap) if gap > 0 else 0
-    found = np.empty_like(values)
-    found[order] = running(values[order], 2 * reach + 1, mode="nearest")
-    return found
 
 
 def whitened(curvature: Floats, variance: Floats, pulls: Floats) -> tuple[Floats, Floats]:

@@ -234,7 +234,7 @@ def with_stage_noise(
         (n - 1,) that the stage made from each projection to the next, or one number.
     """
     first, free = solved(graph), solved(graph.doubting())
-    noise = stage_noise(free.geometry.theta - recorded, free.halves, stage_steps)
+    noise = stage_noise(recorded, free.geometry.theta - recorded, free.halves, stage_steps)
     joint = solved(graph.informed(noise))
     if agree(first, free, ASTRAY) and agree(first, joint, ASTRAY):
         return joint, noise

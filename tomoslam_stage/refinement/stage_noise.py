@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tomoslam_stage.geometry import mean_near
 from tomoslam_stage.images import robust_sigma
 from tomoslam_stage.products import Event, Floats, StageNoise
 
@@ -11,8 +12,6 @@ LEAST_DEG = 0.002
 """No stage is taken for better than this, degrees a step: the encoder would outvote everything."""
 MOST_DEG = 5.0
 """No stage is taken for worse than this, degrees."""
-SMOOTHING = 21
-"""Frequencies over which the power of the difference of halves is averaged."""
 LAPSE = 6.0
 """Standard deviations from which on an error of a step is an event."""
 LEAST_LAPSE_DEG = 0.1
@@ -22,41 +21,39 @@ SAME_STEP = 0.15
 
 
 def stage_noise(
-    correction: Floats, halves: Floats, stage_steps: Floats | float = 1.0
+    recorded: Floats, correction: Floats, halves: Floats, stage_steps: Floats | float = 1.0
 ) -> StageNoise:
     """Size and kind of the errors of the recorded angles, by maximum likelihood.
 
-    Errors of steps (a walk) are independent and add up; an error of a single angle makes one step
-    too long and the next too short. The sine transform makes the steps of both kinds independent,
-    with variances ``walk^2 + 4 jitter^2 sin^2(pi k / 2 n)``, beside that of their measurement
-    (Whittle, Ark. Mat. 2 (1953) 423). That is taken from halves of the data: formal sigmas allow
-    for errors that neighbours share, and would explain any jitter. Lapses count no more than three
-    usual errors.
+    Errors of steps (a walk) are independent and add up; an error of a single angle (jitter) makes
+    one step too long and the next too short. So the covariance of the steps has two diagonals, as
+    has that of their measurement, which is taken from halves of the data, where the angles are
+    seen: formal sigmas allow for errors that neighbours share, and would explain any jitter. Lapses
+    count no more than three usual errors.
 
     Parameters
     ----------
+    recorded
+        (n,) radians.
     correction
         (n,) radians, refined minus recorded, from everything but the encoder.
     halves
         (s, n) radians: for each source, how halves of its data would move the angles.
     stage_steps
-        (n - 1,) that the stage made each time, of which the usual number counts.
+        (n - 1,) that the stage made each time, or one number.
     """
-    from scipy.fft import dst
-    from scipy.ndimage import uniform_filter1d
+    from scipy.linalg import cho_solve_banded, cholesky_banded
     from scipy.optimize import minimize
 
-    steps = usual_steps(correction)
-    power = dst(steps, type=1, norm="ortho") ** 2
-    apart = dst(np.diff(halves, axis=1), type=1, axis=1, norm="ortho") ** 2
-    measured = uniform_filter1d(apart.sum(axis=0), SMOOTHING, mode="nearest")
-    wave = np.pi * np.arange(1, len(steps) + 1) / (2 * (len(steps) + 1))
-    made = float(np.median(stage_steps))
+    steps = usual_steps(correction, stage_steps)
+    measured, shared = measured_steps(recorded, halves)
 
     def unlikely(logarithms: Floats) -> float:
         walk, jitter = np.exp(2 * logarithms)
-        variance = made * walk + 4 * jitter * np.sin(wave) ** 2 + measured
-        return float(np.sum(np.log(variance) + power / variance))
+        band = np.zeros((2, len(steps)))
+        band[0, 1:], band[1] = shared - jitter, measured + stage_steps * walk + 2 * jitter
+        root = cholesky_banded(band)
+        return float(2 * np.log(root[1]).sum() + steps @ cho_solve_banded((root, False), steps))
 
     size = np.log(max(float(np.std(steps)), np.deg2rad(LEAST_DEG)))
     least, most = np.log(np.deg2rad(LEAST_DEG)), np.log(np.deg2rad(MOST_DEG))
@@ -66,11 +63,26 @@ def stage_noise(
     return StageNoise(float(walk), float(jitter) if jitter > 1.01 * np.exp(least) else 0.0)
 
 
-def usual_steps(correction: Floats) -> Floats:
-    """(n - 1,) errors of the steps, none of them beyond three times the usual."""
-    steps = np.diff(correction)
+def measured_steps(recorded: Floats, halves: Floats) -> tuple[Floats, Floats]:
+    """(n - 1,) variances of measured steps, and (n - 2,) covariances of each with the next.
+
+    Radians squared, from the `halves` (s, n) near each of the `recorded` (n,) angles, on either
+    side. Neighbours err independently or against each other: what they share makes no step.
+    """
+    apart, side = np.diff(halves, axis=1), np.mod(recorded, np.pi)
+    variances = mean_near((apart**2).sum(axis=0), side[:-1])
+    shared = mean_near((apart[:, 1:] * apart[:, :-1]).sum(axis=0), side[:-2])
+    return variances, np.clip(shared, -np.minimum(variances[1:], variances[:-1]) / 2, 0)
+
+
+def usual_steps(correction: Floats, stage_steps: Floats | float) -> Floats:
+    """(n - 1,) errors of the steps, none of them beyond three times the usual.
+
+    Errors of `stage_steps` (n - 1,) add up.
+    """
+    steps, more = np.diff(correction), np.sqrt(stage_steps)
     middle = np.median(steps)
-    reach = max(3 * robust_sigma(steps), np.deg2rad(LEAST_DEG))
+    reach = more * max(3 * robust_sigma(steps / more), np.deg2rad(LEAST_DEG))
     return np.asarray(np.clip(steps, middle - reach, middle + reach))
 
 
