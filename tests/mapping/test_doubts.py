@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tomoslam_stage.mapping.looking import Look
-from tomoslam_stage.mapping.weighing import doubts, misfits, variances
-from tomoslam_stage.products import UNKNOWNS, Floats, Geometry
+from tomoslam_stage.mapping.weighing import UNSTEADY, doubts, misfits, variances
+from tomoslam_stage.products import STILL, UNKNOWNS, Floats, Geometry
 
 THETA = np.deg2rad(np.arange(0.0, 360.0))
 
@@ -52,7 +52,7 @@ def test_angles_are_as_unsure_as_rows_scatter_around_them(unknowns: tuple[str, .
     sigma[:360] += 3 * thick
     pulls = sigma * rng.standard_normal((64, size))
     nothing = np.zeros(0)
-    look = Look(pulls, nothing, np.ones((64, 360)), nothing, nothing)
+    look = Look(pulls, nothing, np.ones((64, 360)), nothing, np.zeros(360))
     curvature = 4 * 64 * np.eye(size)
     found = variances(look, geometry, curvature, 0.5)
     np.testing.assert_allclose(found[:360][thick][9:-9], 16 / 4, rtol=0.25)
@@ -63,5 +63,19 @@ def test_angles_are_as_unsure_as_rows_scatter_around_them(unknowns: tuple[str, .
 
 def test_rows_that_agree_to_the_last_digit_are_not_believed_to_it() -> None:
     geometry, nothing = Geometry(THETA, 0.0), np.zeros(0)
-    look = Look(np.ones((8, 362)), nothing, np.full((8, 360), 2.0), nothing, nothing)
+    look = Look(np.ones((8, 362)), nothing, np.full((8, 360), 2.0), nothing, np.zeros(360))
     assert variances(look, geometry, np.eye(362), 0.5).min() == pytest.approx(2e-3)
+
+
+@pytest.mark.parametrize("unknowns", [STILL, UNKNOWNS])
+def test_what_a_shift_would_turn_is_less_sure_unless_shifts_are_unknown(
+    unknowns: tuple[str, ...],
+) -> None:
+    geometry, nothing = Geometry(THETA, 0.0, unknowns=unknowns), np.zeros(0)
+    like_a_shift = np.abs(np.arange(360) - 180) < 30
+    mixed = np.where(like_a_shift, 4.0, 0.0)
+    size = geometry.layout.size
+    look = Look(np.zeros((4, size)), nothing, np.full((4, 360), 1e-3), nothing, mixed)
+    found = variances(look, geometry, 2 * np.eye(size), 0.5)
+    more = 0.0 if "shift" in unknowns else (4 * UNSTEADY) ** 2 / 2
+    assert found[180] - found[0] == pytest.approx(more)

@@ -71,20 +71,6 @@ def probed(look: Callable[[Geometry], Look], geometry: Geometry, floor: float) -
     return Place(geometry, start, curvature)
 
 
-def in_proportion(place: Place, look: Look) -> Place:
-    """Return `place` as other rows see it; `look` is what these say there.
-
-    The curvature is worked on in place: what is the less to be seen in a projection is so for all
-    that has to do with it.
-    """
-    before, after, curvature = place.look.conditional, look.conditional, place.curvature
-    answered = (before > 0) & (after > 0)
-    more = np.sqrt(np.divide(after, before, out=np.ones_like(after), where=answered))
-    curvature *= more
-    curvature *= more[:, None]
-    return Place(place.geometry, look, curvature)
-
-
 def looks_needed(layout: Layout) -> int:
     """Count the looks that `probed` takes."""
     return 2 + len(layout.own) * sum(1 for _ in _combs(layout.n)) + 2 * MODES

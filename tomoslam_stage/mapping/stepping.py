@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tomoslam_stage.mapping.curvature import Place, in_proportion, learn
+from tomoslam_stage.mapping.curvature import Place, learn
 from tomoslam_stage.mapping.looking import Look
 from tomoslam_stage.mapping.weighing import (
     doubts,
@@ -81,7 +81,7 @@ class Stepping:
 
         Its curvature is worked on in place: `place` is used up.
         """
-        place = in_proportion(place, self.look(place.geometry))
+        place = self._seen(place)
         for step in range(steps):
             further = self._further(place, step)
             if further is None or further is place:
@@ -98,6 +98,14 @@ class Stepping:
         if step >= UNWEIGHED and settled(change, now.quadratic, place.geometry.layout):
             return place
         return self._moved(place, limited(change, place.geometry.layout), now.weights)
+
+    def _seen(self, place: Place) -> Place:
+        """Return the same place as these rows see it, the curvature in proportion."""
+        look = self.look(place.geometry)
+        angles = place.geometry.layout.angles
+        more = look.conditional[angles].sum() / place.look.conditional[angles].sum()
+        np.multiply(place.curvature, more, out=place.curvature)
+        return replace(place, look=look)
 
     def _moved(self, place: Place, change: Floats, weights: Floats) -> Place:
         """Go by `change`, or less of it where the residual would rise."""

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 ORDINARY = 1.3
 """Residual of a projection, in medians, up to which it is nothing special."""
+UNSTEADY = 0.007
+"""Px along the columns by which a projection is out of place for reasons that no row tells from a
+turn: streaks that all rows share, a stage that does not run true. So much was found on boards."""
 LEAST_SCATTER = 1e-3
 """Of the mean squared residual: what rows that agree better than noise would let them count as."""
 
@@ -50,11 +53,14 @@ def variances(look: Look, geometry: Geometry, curvature: Floats, scale: float) -
     """(k,) variance of the pull, in units of the curvature, squared line integrals.
 
     Where projections are thick, seen edge on, what a map cannot show differs from row to row, and
-    the rows scatter ten times as much as elsewhere. Misfit of `scale` medians raises it further,
-    see `doubts`. The axis and the roll get the median.
+    the rows scatter ten times as much as elsewhere. Face on, a turn of a flat object is next to a
+    shift, and what shifts a projection turns it, unless shifts are unknown themselves. Misfit of
+    `scale` medians raises it further, see `doubts`. The axis and the roll get the median.
     """
-    near = mean_near(noise(look, curvature), geometry.theta)
-    of_projections = near * doubts(look, geometry.theta, scale)
+    each = noise(look, curvature)
+    if "shift" not in geometry.unknowns:
+        each += (UNSTEADY * look.mixed) ** 2 / np.diag(curvature)[: len(each)]
+    of_projections = mean_near(each, geometry.theta) * doubts(look, geometry.theta, scale)
     found = np.full(geometry.layout.size, np.median(of_projections))
     for entries in geometry.layout.own:
         found[entries] = of_projections
