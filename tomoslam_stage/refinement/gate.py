@@ -73,10 +73,9 @@ class Gate:
     half_measured: Annotated[float, Field(ge=0, le=1)] = 0.15
     """Fewest triplets either half must measure, in units of those that all tracks measured: halves
     that measure nothing agree on the recorded angles."""
-    sigma_share: Annotated[float, Field(gt=0)] = 0.5
-    """Largest sigma of the refined angles, in units of the error of the recorded ones, which is at
-    least to be halved. It allows for all that is known: on a smooth object all rows, used or not,
-    err together."""
+    sigma_share: Annotated[float, Field(gt=0)] = 0.45
+    """Largest sigma of the refined angles, in units of the error of the recorded ones, where it
+    allows for all that is known: on a smooth object all rows, used or not, err together."""
     significance: Annotated[float, Field(ge=0)] = 3.0
     """Smallest z score of the fall of the reprojection residual on unused rows."""
     most_moved: Annotated[float, Field(gt=0)] = 0.04
