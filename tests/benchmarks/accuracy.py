@@ -3,7 +3,7 @@
     python tests/benchmarks/accuracy.py [--cases NAME ...] [--methods NAME ...] [--seeds N ...]
         [--scans FOLDER] [--keep FOLDER]
 
-Seeds and phantoms are others than those the parameters were chosen on. For every scan: RMSE in
+For every scan: RMSE in
 degrees with the mean removed, recorded and refined, the sigma that was told (rms), the normalised
 error (rms of error over sigma), the verdict and the seconds. Then, pooled over the seeds, the ratio
 of the paper's equation 7 (first angle fixed). ``--scans`` names a folder with scans of real objects

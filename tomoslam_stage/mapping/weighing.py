@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 ORDINARY = 1.3
 """Residual of a projection, in medians, up to which it is nothing special."""
 UNSTEADY = 0.007
-"""Px along the columns by which a projection is out of place for reasons that no row tells from a
-turn: streaks that all rows share, a stage that does not run true. So much was found on boards."""
+"""Px along the columns by which a projection may be out of place in all rows alike, so that no row
+tells it from a turn. Chosen on simulated boards, whose angles jittered or drifted."""
 LEAST_SCATTER = 1e-3
 """Of the mean squared residual: what rows that agree better than noise would let them count as."""
 
