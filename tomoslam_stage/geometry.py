@@ -68,13 +68,17 @@ def mean_near(values: Floats, theta: Floats) -> Floats:
     return _near(values, theta, uniform_filter1d)
 
 
+def number_near(theta: Floats) -> int:
+    """How many of the angles `theta` (n,) lie within `NEAR` of one of them, itself included."""
+    gap = np.ptp(within_turn(theta)) / max(len(theta) - 1, 1)
+    return 2 * round(NEAR / gap) + 1 if gap > 0 else 1
+
+
 def _near(values: Floats, theta: Floats, running: Callable[..., Floats]) -> Floats:
     """(n,) what a filter makes of `values` (n,) within `NEAR` of each of `theta` (n,)."""
     order = around(theta)
-    gap = np.ptp(within_turn(theta)) / max(len(theta) - 1, 1)
-    reach = round(NEAR / gap) if gap > 0 else 0
     found = np.empty_like(values)
-    found[order] = running(values[order], 2 * reach + 1, mode="nearest")
+    found[order] = running(values[order], number_near(theta), mode="nearest")
     return found
 
 

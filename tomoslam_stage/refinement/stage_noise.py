@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tomoslam_stage.geometry import mean_near
+from tomoslam_stage.geometry import mean_near, number_near
 from tomoslam_stage.images import robust_sigma
 from tomoslam_stage.products import Event, Floats, StageNoise
 
@@ -16,6 +16,10 @@ LAPSE = 6.0
 """Standard deviations from which on an error of a step is an event."""
 LEAST_LAPSE_DEG = 0.1
 """Smallest event, degrees."""
+CORRELATED = 1.5
+"""By how much neighbouring steps, which share an angle, add to the scatter of a mean of squares."""
+SUREST = 1e-4
+"""Of the usual variance of measured steps: none is surer than this."""
 SAME_STEP = 0.15
 """Part of the usual step by which a lapse may differ from it and still be a matter of frames."""
 
@@ -67,12 +71,22 @@ def measured_steps(recorded: Floats, halves: Floats) -> tuple[Floats, Floats]:
     """(n - 1,) variances of measured steps, and (n - 2,) covariances of each with the next.
 
     Radians squared, from the `halves` (s, n) near each of the `recorded` (n,) angles, on either
-    side. Neighbours err independently or against each other: what they share makes no step.
+    side. A few dozen squares scatter: places differ by the power of what was found for them that
+    chance does not explain. Neighbours err independently or against each other, everywhere alike:
+    what they share makes no step.
     """
     apart, side = np.diff(halves, axis=1), np.mod(recorded, np.pi)
-    variances = mean_near((apart**2).sum(axis=0), side[:-1])
-    shared = mean_near((apart[:, 1:] * apart[:, :-1]).sum(axis=0), side[:-2])
-    return variances, np.clip(shared, -np.minimum(variances[1:], variances[:-1]) / 2, 0)
+    squares, products = (apart**2).sum(axis=0), (apart[:, 1:] * apart[:, :-1]).sum(axis=0)
+    usual = squares.mean()
+    if usual == 0:
+        return squares, products
+    near = np.maximum(mean_near(squares, side[:-1]) / usual, SUREST)
+    by_chance = CORRELATED * np.var(squares / usual / near) / number_near(side[:-1])
+    scatter = np.var(np.log(near))
+    places = near ** (1 - by_chance / scatter if scatter > by_chance else 0)
+    variances = usual * places / places.mean()
+    both = np.sqrt(variances[1:] * variances[:-1])
+    return variances, np.clip(np.mean(products / both), -0.5, 0) * both
 
 
 def usual_steps(correction: Floats, stage_steps: Floats | float) -> Floats:
