@@ -218,7 +218,7 @@ def test_a_graph_of_some_angles_says_nothing_about_the_others(recorded: Geometry
 def test_steps_of_a_stage_without_jitter_are_the_factors_of_single_steps(
     recorded: Geometry, here: Geometry
 ) -> None:
-    walking = Encoder(sigma_deg=0.2, jitter_deg=0.0)
+    walking = Encoder(sigma_deg=0.2, jitter_deg=0.0, robust=1e9)
     block = walking.block(recorded.theta, NONE)
     chained, single = Joint.of(here.layout), Joint.of(here.layout)
     chained.hear_chain(*walking.chain(recorded.theta, here.theta, NONE))
@@ -227,6 +227,25 @@ def test_steps_of_a_stage_without_jitter_are_the_factors_of_single_steps(
     for name in ("information", "pull"):
         one, other = getattr(chained, name), getattr(single, name)
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
+
+
+def test_usual_errors_of_angles_that_jitter_do_not_let_them_drift(recorded: Geometry) -> None:
+    encoder = Encoder(sigma_deg=0.002, jitter_deg=0.1)
+    errors = np.deg2rad(np.random.default_rng(0).normal(0, 0.1, N))
+    usual, _ = encoder.chain(recorded.theta, recorded.theta, NONE)
+    found, wanted = encoder.chain(recorded.theta, recorded.theta + errors, NONE)
+    np.testing.assert_allclose(found, usual)
+    np.testing.assert_allclose(wanted, -np.diff(errors))
+
+
+def test_only_a_step_that_is_far_off_has_its_variance_raised(recorded: Geometry) -> None:
+    encoder = Encoder(sigma_deg=0.1, jitter_deg=0.1, robust=4.0)
+    lost = np.deg2rad(2.0) * (np.arange(N) >= 5)
+    usual, _ = encoder.chain(recorded.theta, recorded.theta, NONE)
+    (found, shared), _ = encoder.chain(recorded.theta, recorded.theta + lost, NONE)
+    assert found[4] == pytest.approx(np.deg2rad(2.0 / 4.0) ** 2)
+    np.testing.assert_allclose(np.delete(found, 4), np.delete(usual[0], 4))
+    np.testing.assert_allclose(shared, usual[1])
 
 
 @pytest.mark.parametrize("jitter_deg", [0.0, 0.1])

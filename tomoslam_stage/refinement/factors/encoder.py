@@ -69,12 +69,13 @@ class Encoder:
         Returns
         -------
         Covariance (2, n - 1), radians squared, of the steps and of each with the next, and by how
-        much they want to change (n - 1,), radians. A step that is far off has its variance raised
-        (Cauchy).
+        much they want to change (n - 1,), radians. A step beyond `robust` has its variance raised,
+        as Cauchy's would be. None within is: where angles jitter, hardly any of the variance of
+        the steps adds up, and a few per cent more would let the angles drift.
         """
         errors = np.diff(theta - recorded)
         usual = self._variances(len(errors), measurements)
-        raised = usual * (1 + errors**2 / (self.robust**2 * usual))
+        raised = np.maximum(usual, errors**2 / self.robust**2)
         return np.stack([raised, np.full(len(raised), -(self.noise.jitter**2))]), -errors
 
     def _variances(self, count: int, measurements: AngleMeasurements) -> Floats:
