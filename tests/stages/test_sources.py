@@ -13,8 +13,10 @@ import pytest
 from tomoslam_stage.geometry import rms_difference
 from tomoslam_stage.heldout import Rows
 from tomoslam_stage.products import Features, Floats, Geometry, Quadratic, Tracks
-from tomoslam_stage.refinement import FactorGraph
+from tomoslam_stage.refinement import FactorGraph, solver_with
+from tomoslam_stage.refinement.factors import Encoder
 from tomoslam_stage.refinement.landmarks import Adjusted
+from tomoslam_stage.stages import sources
 from tomoslam_stage.stages.choosing import FEATURES, MAP, RECORDED, USED, Choice
 from tomoslam_stage.stages.sources import Outcome, Sources, said_by
 from tomoslam_stage.stages.work import Clock
@@ -207,8 +209,32 @@ def test_features_of_which_a_half_is_too_small_are_left_out() -> None:
 def test_the_map_begins_where_unused_rows_reproject_best(error: float, begins_there: bool) -> None:
     mapping, features = Mapping(geometry()), placing(error)
     asked(features, mapping)
+    (begun,), ended = mapping.asked, features.ends[0].theta
     assert features.asked[0] is START
-    assert mapping.asked == [features.ends[0] if begins_there else START]
+    assert (begun is START) != begins_there
+    assert (rms_difference(begun.theta, ended) < np.deg2rad(0.02)) == begins_there
+
+
+@pytest.mark.parametrize(("error", "known"), [(0.08, True), (0.9, False)])
+def test_the_map_is_asked_with_the_stage_as_good_features_show_it(
+    error: float, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    graphs: list[FactorGraph] = []
+
+    def listening(graph: FactorGraph, *others: Any) -> Any:
+        graphs.append(graph)
+        return solver_with(graph, *others)
+
+    monkeypatch.setattr(sources, "solver_with", listening)
+    asked(placing(error), Mapping(geometry()))
+    of_features, of_map = (graph.factors["encoder"] for graph in graphs)
+    assert isinstance(of_map, Encoder)
+    assert of_features == Encoder()
+    if known:
+        # Halves agree, so that the stage is blamed for what the features err.
+        assert of_map.jitter_deg == pytest.approx(error, rel=0.3)
+    else:
+        assert of_map == Encoder()
 
 
 def test_halves_of_the_features_begin_where_all_of_them_ended() -> None:
@@ -260,11 +286,11 @@ def test_a_map_is_believed_less_where_some_projections_do_not_fit() -> None:
 
 def test_recorded_angles_are_judged_first_and_each_source_once() -> None:
     heard: list[str] = []
-    sources = sources_of(placing(), Mapping(geometry()))
+    both = sources_of(placing(), Mapping(geometry()))
 
     def listening(name: str, found: Geometry) -> Floats:
         heard.append(name)
         return judge(name, found)
 
-    sources.ask(SCAN, Rows(np.array([3]), USABLE), START, listening, Clock({}))
+    both.ask(SCAN, Rows(np.array([3]), USABLE), START, listening, Clock({}))
     assert heard == [RECORDED, FEATURES, MAP]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -79,6 +79,10 @@ class Heard:
 
     judge: Judge
     """Reprojects rows that were not used."""
+    begin: Geometry
+    """Where unused rows reproject best so far."""
+    graph: FactorGraph
+    """What the pipeline asks for, with the stage as it looks from there."""
     squares: dict[str, Floats] = field(default_factory=dict)
     """By name of the angles: (r, n) mean squared residual on unused rows."""
     said: dict[str, Said] = field(default_factory=dict)
@@ -98,10 +102,10 @@ class Heard:
     suspect: bool = False
     """Whether that is too much: what misleads the map there may mislead all."""
 
-    def hear(self, name: str, said: Said) -> None:
-        """Take what a source said, and how well unused rows reproject with it."""
+    def hear(self, name: str, said: Said, ended: Geometry) -> None:
+        """Take what a source said, and how well unused rows reproject where it `ended`."""
         self.said[name] = said
-        self.squares[name] = self.judge(name, said.geometry)
+        self.squares[name] = self.judge(name, ended)
 
     def for_report(self) -> dict[str, Any]:
         """Return the fields of an `Outcome` that only the report reads."""
@@ -131,13 +135,12 @@ class Sources:
         clock
             Hears how long each station takes.
         """
-        heard = Heard(judge, {RECORDED: judge(RECORDED, start)})
+        heard = Heard(judge, start, self.how.refinement, {RECORDED: judge(RECORDED, start)})
         measurements = self._ask_tracks(heard, scan, rows, start, clock)
         if self.how.mapping is not None:
-            solve = solver_with(self.how.refinement, start, measurements)
+            solve = solver_with(heard.graph, start, measurements)
             with clock(MAP):
-                begin = self._best_start(heard, start)
-                self._ask_map(heard, scan, np.flatnonzero(rows.usable), begin, solve)
+                self._ask_map(heard, scan, np.flatnonzero(rows.usable), solve)
         with clock("graph"):
             return self._joined(heard, start, measurements)
 
@@ -162,16 +165,21 @@ class Sources:
                 measurements, _ = turns.said(seen.tracks, start.theta, start.axis)
             heard.counts["triplets measured"] = measurements.n_measured
         if how.landmarks is not None:
-            solve = solver_with(how.refinement, start, measurements)
             with clock(FEATURES):
-                self._ask_features(heard, seen, scan.n_rows, start, solve)
+                self._ask_features(heard, seen, scan.n_rows, start, measurements)
         return measurements
 
     def _ask_features(
-        self, heard: Heard, seen: Seen, n_rows: int, start: Geometry, solve: Solve
+        self,
+        heard: Heard,
+        seen: Seen,
+        n_rows: int,
+        start: Geometry,
+        measurements: AngleMeasurements,
     ) -> None:
         """Place the features, all of them and either half."""
         how, landmarks = self.how, self.how.landmarks or Landmarks()
+        solve = solver_with(how.refinement, start, measurements)
         turns = Turns(how.tracks, landmarks, how.rounds, how.settled_deg)
         whole = turns.placed(seen, start, solve)
         if whole is None:
@@ -198,19 +206,21 @@ class Sources:
             halves=quadratic.information @ apart / 2,
             biases=np.zeros((0, len(apart))),
         )
-        heard.hear(FEATURES, said)
+        found, noise = self._with_stage_noise(start, measurements, [said])
+        heard.hear(FEATURES, said, found.geometry)
+        if falls(heard.squares, FEATURES, RECORDED, start.theta):
+            heard.begin = found.geometry
+            heard.graph = how.refinement.informed(noise) if noise else how.refinement
 
-    def _ask_map(
-        self, heard: Heard, scan: Scan, usable: Integers, begin: Geometry, solve: Solve
-    ) -> None:
+    def _ask_map(self, heard: Heard, scan: Scan, usable: Integers, solve: Solve) -> None:
         """Let the reconstruction correct the angles."""
         mapping, suspect = self.how.mapping or MapFactor(), self.how.choice.suspect_excess
-        mapped = mapping.refine(scan, usable, begin, solve)
+        mapped = mapping.refine(scan, usable, heard.begin, solve)
         if self.how.closer and mapped is not None and mapped.excess > suspect:
             narrow = scan.n_columns <= CLOSE_COLUMNS
             closer = self.how.closer
             closer = closer if narrow else replace(closer, binning=mapping.binning)
-            mapped = closer.refine(scan, usable, begin, solve) or mapped
+            mapped = closer.refine(scan, usable, heard.begin, solve) or mapped
         if mapped is None:
             asked = f"{len(usable)} rows of {scan.n_projections} projections"
             heard.notes[MAP] = f"left out: {asked} say nothing about the angles"
@@ -218,14 +228,7 @@ class Sources:
         heard.excess, heard.suspect = mapped.excess, mapped.excess > suspect
         heard.made = mapped.made
         heard.counts["map rows"] = len(mapped.row_pulls)
-        heard.hear(MAP, said_by(mapped, suspect))
-
-    @staticmethod
-    def _best_start(heard: Heard, start: Geometry) -> Geometry:
-        """Begin where unused rows reproject best so far."""
-        if FEATURES in heard.said and falls(heard.squares, FEATURES, RECORDED, start.theta):
-            return heard.said[FEATURES].geometry
-        return start
+        heard.hear(MAP, said_by(mapped, suspect), mapped.geometry)
 
     def _joined(self, heard: Heard, recorded: Geometry, measurements: AngleMeasurements) -> Outcome:
         """Choose among the sources, and solve the graph with those that are believed."""
@@ -243,18 +246,25 @@ class Sources:
         ]
         if not used:
             return Outcome(None, notes, **heard.for_report())
-
-        def solved(graph: FactorGraph) -> Fused:
-            return fused(graph, recorded, measurements, used)
-
-        steps = measurements.stage_steps
-        joint, noise = with_stage_noise(self.how.refinement, recorded.theta, solved, steps)
+        joint, noise = self._with_stage_noise(recorded, measurements, used)
         if heard.suspect:
             joint = as_one(joint, len(used))
         correction = joint.geometry.theta - recorded.theta
+        steps = measurements.stage_steps
         events = lapses(recorded.theta, correction, joint.step_variances, steps)
         made = heard.made if chosen.get(MAP) == USED else None
         return Outcome(joint, notes, events, noise, made=made, **heard.for_report())
+
+    def _with_stage_noise(
+        self, recorded: Geometry, measurements: AngleMeasurements, said: Sequence[Said]
+    ) -> tuple[Fused, StageNoise | None]:
+        """Solve the graph with the noise of the stage that all that was `said` shows."""
+
+        def solved(graph: FactorGraph) -> Fused:
+            return fused(graph, recorded, measurements, said)
+
+        how, steps = self.how.refinement, measurements.stage_steps
+        return with_stage_noise(how, recorded.theta, solved, steps)
 
 
 def said_by(mapped: Mapped, suspect: float) -> Said:
