@@ -61,7 +61,8 @@ METHODS: Mapping[str, Mapping[str, Any]] = {
 }
 """Name -> parameters of refine_theta."""
 COMPARED = ("paper", "features", "map", "default")
-SEEDS = (2011, 2012, 2013, 2014, 2015)
+SEEDS = (4101, 4102, 4103, 4104, 4105)
+"""None of these served to develop anything: once one has, others must take its place."""
 
 
 @dataclass(frozen=True)

@@ -106,6 +106,15 @@ def test_the_report_says_which_angle_was_held_and_how(
     assert report(tiny(3), Run())["gauge"] is None
 
 
+def test_the_summary_of_a_long_scan_says_that_key_projections_were_asked(
+    by_sources: Findings,
+) -> None:
+    long = changed(by_sources, counts={"key projections": 1500})
+    told = "of 1500 key projections, the others placed in their map"
+    assert told in " ".join(words(long).split())
+    assert told not in " ".join(words(by_sources).split())
+
+
 def test_what_was_neither_looked_for_nor_found_is_empty_or_null(findings: Findings) -> None:
     made = report(findings, Run())
     assert made["sources"] == {}

@@ -109,8 +109,14 @@ def sigma(median: float | None) -> str:
 
 
 def sources(report: Mapping[str, Any]) -> str:
-    """Which sources were believed, and why others were not; empty where the reason said it."""
+    """Which sources were believed, and why others were not; empty where the reason said it.
+
+    Of a long scan, how many projections they were asked about.
+    """
     said = "; ".join(f"{name} {note}" for name, note in report["sources"].items())
+    keys = report["counts"].get("key projections")
+    if keys is not None:
+        return f"{said}; of {keys} key projections, the others placed in their map"
     return "" if said == report["reason"] else said
 
 
