@@ -180,8 +180,15 @@ def test_sources_that_are_misled_alike_are_together_no_surer_than_one() -> None:
     one = source(RECORDED.moved(off(1, 0.5)), 0.1)
     alone, both = together(one), together(one, one)
     assert rms(both.sigma) < 0.8 * rms(alone.sigma)
-    np.testing.assert_allclose(as_one(both, 2).sigma, alone.sigma, rtol=0.01)
-    assert as_one(both, 2).geometry is both.geometry
+    np.testing.assert_allclose(together(*as_one([one, one])).sigma, alone.sigma, rtol=0.01)
+    assert as_one([one]) == [one]
+
+
+def test_doubt_of_the_sources_makes_no_angle_less_sure_than_the_stage() -> None:
+    one = source(RECORDED.moved(off(1, 0.05)), 1.0)
+    held = replace(LOOSE, factors={**LOOSE.factors, "encoder": Encoder(sigma_deg=0.02)})
+    usual, doubted = (fused(held, RECORDED, NONE, said) for said in ([one] * 2, as_one([one] * 2)))
+    assert rms(usual.sigma) < rms(doubted.sigma) < 1.1 * rms(usual.sigma)
 
 
 def test_a_source_is_told_what_the_graph_wants() -> None:

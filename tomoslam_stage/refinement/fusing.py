@@ -203,15 +203,9 @@ def honest(said: Said, alone: Fused) -> Said:
     return said.weaker(excess_of(alone.half_error, alone.formal) ** 2)
 
 
-def as_one(solution: Fused, sources: int) -> Fused:
-    """Return a solution of `sources` that are misled alike: no surer than one of them."""
-    shift_sigma = solution.shift_sigma
-    return replace(
-        solution,
-        variances=sources * solution.variances,
-        step_variances=sources * solution.step_variances,
-        shift_sigma=None if shift_sigma is None else np.sqrt(sources) * shift_sigma,
-    )
+def as_one(said: Sequence[Said]) -> list[Said]:
+    """Return sources that are misled alike: together no surer than one of them."""
+    return [each.weaker(len(said)) for each in said]
 
 
 def with_stage_noise(

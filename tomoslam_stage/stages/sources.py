@@ -246,9 +246,9 @@ class Sources:
         ]
         if not used:
             return Outcome(None, notes, **heard.for_report())
-        joint, noise = self._with_stage_noise(recorded, measurements, used)
         if heard.suspect:
-            joint = as_one(joint, len(used))
+            used = as_one(used)
+        joint, noise = self._with_stage_noise(recorded, measurements, used)
         correction = joint.geometry.theta - recorded.theta
         steps = measurements.stage_steps
         events = lapses(recorded.theta, correction, joint.step_variances, steps)
