@@ -3,11 +3,11 @@
     python tests/benchmarks/accuracy.py [--cases NAME ...] [--methods NAME ...] [--seeds N ...]
         [--scans FOLDER] [--keep FOLDER]
 
-For every scan: RMSE in
-degrees with the mean removed, recorded and refined, the sigma that was told (rms), the normalised
-error (rms of error over sigma), the verdict and the seconds. Then, pooled over the seeds, the ratio
-of the paper's equation 7 (first angle fixed). ``--scans`` names a folder with scans of real objects
-whose true angles are known; ``--keep`` keeps simulated scans for the next time.
+For every scan: RMSE in degrees with the mean removed, recorded and refined, the sigma that was told
+(rms), the normalised error (rms of error over sigma), the verdict, the seconds, and the lapses of
+the stage that were named. Then, pooled over the seeds, the ratio of the paper's equation 7 (first
+angle fixed). ``--scans`` names a folder with scans of real objects whose true angles are known;
+``--keep`` keeps simulated scans for the next time.
 """
 
 from __future__ import annotations
@@ -77,6 +77,8 @@ class Result:
     normalised: float
     status: str
     seconds: float
+    events: str
+    """Each lapse of the stage that was named, and how large the error of that step truly was."""
 
 
 def simulated(folder: Path, case: str, seed: int) -> Path:
@@ -101,6 +103,12 @@ def measured(path: Path, method: str) -> Result:
         for theta in (found.recorded, found.refined)
     )
     off, sigma = after - after.mean(), np.degrees(found.sigma)
+    true = np.diff(-before)
+    lapses = [
+        f"{event.kind} {event.projection}: {event.size_deg:+.3f}, truly "
+        f"{true[event.projection - 1]:+.3f}"
+        for event in found.events
+    ]
     return Result(
         recorded=float(before.std()),
         refined=float(after.std()),
@@ -109,6 +117,7 @@ def measured(path: Path, method: str) -> Result:
         normalised=rms(off / np.where(sigma > 0, sigma, np.nan)),
         status=found.status,
         seconds=took,
+        events="; ".join(lapses),
     )
 
 
@@ -116,7 +125,7 @@ def shown(case: str, method: str, name: str, r: Result) -> str:
     """Return a line of the table."""
     return (
         f"{case:16s} {method:9s} {name:16s} {r.recorded:8.4f} {r.refined:8.4f} {r.sigma:8.4f} "
-        f"{r.normalised:6.2f}  {r.status:8s} {r.seconds:4.0f}"
+        f"{r.normalised:6.2f}  {r.status:8s} {r.seconds:4.0f}  {r.events}".rstrip()
     )
 
 
