@@ -62,7 +62,7 @@ METHODS: Mapping[str, Mapping[str, Any]] = {
 """Name -> parameters of refine_theta."""
 COMPARED = ("paper", "features", "map", "default")
 SEEDS = (4101, 4102, 4103, 4104, 4105)
-"""None of these served to develop anything: once one has, others must take its place."""
+"""Other than those that served development; where one has, measure with others, too."""
 
 
 @dataclass(frozen=True)
