@@ -113,6 +113,8 @@ def test_the_summary_of_a_long_scan_says_that_key_projections_were_asked(
     told = "of 1500 key projections, the others placed in their map"
     assert told in " ".join(words(long).split())
     assert told not in " ".join(words(by_sources).split())
+    unanswered = changed(long, sources={"map": LEFT_OUT}, reason=f"map {LEFT_OUT}")
+    assert " sources " not in words(unanswered)
 
 
 def test_what_was_neither_looked_for_nor_found_is_empty_or_null(findings: Findings) -> None:

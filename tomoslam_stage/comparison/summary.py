@@ -114,10 +114,11 @@ def sources(report: Mapping[str, Any]) -> str:
     Of a long scan, how many projections they were asked about.
     """
     said = "; ".join(f"{name} {note}" for name, note in report["sources"].items())
+    if said == report["reason"]:
+        return ""
     keys = report["counts"].get("key projections")
-    if keys is not None:
-        return f"{said}; of {keys} key projections, the others placed in their map"
-    return "" if said == report["reason"] else said
+    asked = "" if keys is None else f"; of {keys} key projections, the others placed in their map"
+    return said + asked
 
 
 def frames(left_out: Mapping[str, str]) -> str:

@@ -75,13 +75,13 @@ def measured_steps(recorded: Floats, halves: Floats) -> tuple[Floats, Floats]:
     chance does not explain. Neighbours err independently or against each other, everywhere alike:
     what they share makes no step.
     """
-    apart, side = np.diff(halves, axis=1), np.mod(recorded, np.pi)
+    apart, side = np.diff(halves, axis=1), np.mod(recorded[:-1], np.pi)
     squares, products = (apart**2).sum(axis=0), (apart[:, 1:] * apart[:, :-1]).sum(axis=0)
     usual = squares.mean()
     if usual == 0:
         return squares, products
-    near = np.maximum(mean_near(squares, side[:-1]) / usual, SUREST)
-    by_chance = CORRELATED * np.var(squares / usual / near) / number_near(side[:-1])
+    near = np.maximum(mean_near(squares, side) / usual, SUREST)
+    by_chance = CORRELATED * np.var(squares / usual / near) / number_near(side)
     scatter = np.var(np.log(near))
     places = near ** (1 - by_chance / scatter if scatter > by_chance else 0)
     variances = usual * places / places.mean()

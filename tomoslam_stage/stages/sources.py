@@ -210,7 +210,8 @@ class Sources:
         heard.hear(FEATURES, said, found.geometry)
         if falls(heard.squares, FEATURES, RECORDED, start.theta):
             heard.begin = found.geometry
-            heard.graph = how.refinement.informed(noise) if noise else how.refinement
+            if noise is not None:
+                heard.graph = how.refinement.informed(noise)
 
     def _ask_map(self, heard: Heard, scan: Scan, usable: Integers, solve: Solve) -> None:
         """Let the reconstruction correct the angles."""
